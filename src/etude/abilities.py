@@ -95,6 +95,15 @@ class SupportsFastCheck(Protocol):
 
 
 @runtime_checkable
+class SupportsWitness(Protocol):
+    """`Limit` with `keeps` that remembers where this last failed, and tests these instants alone; False: only
+    `keeps` decides.
+    """
+
+    def fails_again(self, piece: Trajectory) -> bool: ...
+
+
+@runtime_checkable
 class SupportsViolation(Protocol):
     """`Limit` that finds from a few samples that a motion violates it, at less cost than a proof; False: only
     a proof decides.
@@ -528,6 +537,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsRefusal,
         SupportsRoomCheck,
         SupportsFastCheck,
+        SupportsWitness,
         SupportsViolation,
         SupportsBoxes,
         SupportsBlocking,

@@ -63,17 +63,17 @@ def read(
 
 
 POSES, SEED = 2048, 0
-"""Random poses from which the heaviest is looked for: a robot is always the same."""
+"""Random poses among which the heaviest is searched; the same robot has the same poses."""
 GRID, ROUNDS = 33, 3
 """Positions of a joint that are tried, and how often each joint has its turn."""
 QUANTILE = 0.95
-"""Of what the limits of speed and acceleration ask over random poses, in any direction."""
+"""Quantile of the demand at the limits of speed and acceleration, over random poses and directions."""
 STRONG = 10.0
 """Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
 APART, FAR = 10.0, 100.0
 """Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
 TOO_FEW_JOINTS = 2
-"""Joints of one unit among which nobody can tell by numbers alone which of them is odd."""
+"""Number of joints of one unit among which numbers alone do not show which limit is wrong."""
 MOST_JOINTS = 0.75
 """Of the joints."""
 
@@ -238,12 +238,12 @@ def _heaviest(geometry: Geometry, spec: ArmSpec, poses: Array) -> tuple[Array, A
     at = poses[held.argmax(axis=0)]
     for _ in range(ROUNDS):
         for i in range(dof):
-            tried = np.repeat(at, GRID + 1, axis=0)
+            candidates = np.repeat(at, GRID + 1, axis=0)
             grid = np.linspace(spec.lower[i], spec.upper[i], GRID)
-            tried[:, i] = np.concatenate([np.append(grid, at[j, i]) for j in range(dof)])
-            demand = _at_rest(geometry, tried).reshape(dof, GRID + 1, dof)
+            candidates[:, i] = np.concatenate([np.append(grid, at[j, i]) for j in range(dof)])
+            demand = _at_rest(geometry, candidates).reshape(dof, GRID + 1, dof)
             best = [int(demand[j, :, j].argmax()) for j in range(dof)]
-            at = np.array([tried[j * (GRID + 1) + k] for j, k in enumerate(best)])
+            at = np.array([candidates[j * (GRID + 1) + k] for j, k in enumerate(best)])
     largest = _at_rest(geometry, at)
     return np.diagonal(largest).copy(), at
 
@@ -290,16 +290,16 @@ def _packed_model(
     """
     from etude_arm.clearance.defaults import disabled
     from etude_arm.clearance.robot_clearance import completed
-    from etude_arm.loading.implausible import check_lengths, made_up
+    from etude_arm.loading.implausible import check_lengths, placeholder_sentences
     from etude_arm.loading.load import load_arm
-    from etude_arm.loading.overlapping_links import crowds, hemmed_in, links_that_overlap
+    from etude_arm.loading.overlapping_links import links_that_overlap, overlap_sentences, overlaps_of
     from etude_arm.loading.pack import packed
 
     name, leave = f"{MODEL_NAME}{model_file.suffix}", disabled(model_file)
     loaded = load_arm(spec, mesh_roots=mesh_roots)
     if whole_file:
         check_lengths(loaded)
-    overlapping = links_that_overlap(crowds(loaded, spec.lower, spec.upper))
+    overlapping = links_that_overlap(overlaps_of(loaded, spec.lower, spec.upper))
     finer: list[str] = []
     text, meshes = packed(model_file, mesh_roots, overlapping, finer)
     files = {name: text, **meshes}
@@ -307,10 +307,16 @@ def _packed_model(
     final = _loaded_from(packed_spec, files)
     around, of_around = completed(packed_spec, final, leave, weight_on_drives(spec), whole_file=whole_file)
     if around.collision.look:
-        finer += hemmed_in(crowds(final, packed_spec.lower, packed_spec.upper), around.collision.ignore)
+        finer += overlap_sentences(
+            overlaps_of(final, packed_spec.lower, packed_spec.upper), around.collision.ignore
+        )
     packed_spec = replace(packed_spec, around=around)
     home = np.array(around.search.home) if around.search else 0.5 * (packed_spec.lower + packed_spec.upper)
-    return packed_spec, files, (*loaded.notes, *made_up(loaded), *finer, *of_around, *sentences(spec, home))
+    return (
+        packed_spec,
+        files,
+        (*loaded.notes, *placeholder_sentences(loaded), *finer, *of_around, *sentences(spec, home)),
+    )
 
 
 def _floor(path: Path, height: float) -> Floor:

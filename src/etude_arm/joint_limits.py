@@ -166,7 +166,7 @@ def tightened(
     moveit = read(path)
     _require_known(moveit, arm, moving, path)
     limits = {joint: dict(values) for joint, values in stated.items()}
-    loose: list[str] = []
+    looser: list[str] = []
     for joint in (name for name in arm if name in moveit.limits):
         values, before = moveit.limits[joint], stated[joint]
         for limit, value in values.items():
@@ -175,12 +175,12 @@ def tightened(
             tight = max if limit == "lower" else min
             limits[joint][limit] = tight(value, before.get(limit, value))
             if limits[joint][limit] != value:
-                loose.append(f"{limit} of {joint} {value:g} for {before[limit]:g}")
+                looser.append(f"{limit} of {joint} {value:g} for {before[limit]:g}")
         fastest = max(
             (values["velocity"] for values in (values, before) if "velocity" in values), default=math.inf
         )
         _require_possible(limits[joint], fastest, joint, moving[joint], path)
-    return limits, _sentences(moveit, loose, [name for name in arm if name not in moveit.limits])
+    return limits, _sentences(moveit, looser, [name for name in arm if name not in moveit.limits])
 
 
 def _require_known(moveit: Read, arm: Sequence[str], moving: Mapping[str, Moving], path: Path) -> None:
@@ -227,10 +227,10 @@ def _require_possible(
         )
 
 
-def _sentences(moveit: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
+def _sentences(moveit: Read, looser: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
     lines = []
-    if loose:
-        lines.append(f"The model file's limits count where {FILE} is looser: {', '.join(loose)}.")
+    if looser:
+        lines.append(f"The model file's limits count where {FILE} is looser: {', '.join(looser)}.")
     if missing:
         lines.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits count.")
     for name, value in moveit.scaling.items():

@@ -55,9 +55,9 @@ def turning(q: Array, play: Array, lengths: Array) -> Array:
 
 def bristles_along(q: Array, bend: Array) -> Array:
     """Deflection (T, J) of bristles along q (T, J), initially zero; they slip at `bend` (T, J)."""
-    ways = np.diff(q, axis=0, prepend=q[:1])
-    faded = np.exp(-np.abs(ways) / bend)
-    return _followed(faded, np.sign(ways) * bend * (1.0 - faded))
+    steps = np.diff(q, axis=0, prepend=q[:1])
+    faded = np.exp(-np.abs(steps) / bend)
+    return _followed(faded, np.sign(steps) * bend * (1.0 - faded))
 
 
 def memory_vjp(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:

@@ -35,10 +35,10 @@ def followed(q: Value, memory: Value, play: Array, length: Array) -> tuple[Value
     `memory.remembered`.
     """
     J = len(length)
-    before, begun = memory.at(range(J, 2 * J)), memory.at([2 * J])
-    p = begun * before + (1.0 - begun) * q
+    before, started = memory.at(range(J, 2 * J)), memory.at([2 * J])
+    p = started * before + (1.0 - started) * q
     behind = p.most(q - play).least(q + play)
     step = behind - p
     side = step.of("Sign")
     sigma = side + (memory.at(range(J)) - side) * (-(abs(step) / length)).of("Exp")
-    return sigma, joined([sigma, behind, begun * 0.0 + 1.0])
+    return sigma, joined([sigma, behind, started * 0.0 + 1.0])

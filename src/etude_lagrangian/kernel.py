@@ -1,10 +1,9 @@
 """Lagrangian prior of one command as a kernel of the family, with additions for real robots.
 
 Kinetic and potential energy are polynomials in sin q, cos q (q itself of a slide) and the velocities, drawn
-from a Gaussian process; the command is what Lagrange's equation makes of them. Source: Giacomuzzo, Carli,
-Romeres and Dalla Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for
-Robot Inverse Dynamics Identification, T-RO 2024; here in closed form, and links share the factors of their
-kinetic energy.
+from a Gaussian process. Lagrange's equation gives the command. Source: Giacomuzzo, Carli, Romeres and Dalla
+Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for Robot Inverse Dynamics
+Identification, T-RO 2024; here in closed form, and links share the factors of their kinetic energy.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.forms import Form, Lookup, Words
+from etude.models.forms import Form, Lookup, Metadata
 from etude.models.gp.kernel_algebra import VJP, Kernel, Role
 from etude.models.gp.kernels import own_friction
 from etude.types import Array, Code, Column
@@ -185,7 +184,7 @@ class CommandPrior:
 gip_lin = CommandPrior()
 
 
-def _restored(metadata: Words, _: Lookup) -> Lagrangian:
+def _restored(metadata: Metadata, _: Lookup) -> Lagrangian:
     joints = {name: tuple(values) for name, values in metadata["joints"].items()}
     return Lagrangian(Joints(**joints), int(metadata["own"]))
 

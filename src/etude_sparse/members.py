@@ -19,7 +19,7 @@ from etude.models.data.fit_data import (
     trained_process,
     weak,
 )
-from etude.models.forms import Form, Lookup, Words, kernel_of
+from etude.models.forms import Form, Lookup, Metadata, kernel_of
 from etude.models.members import BuiltIn, each_output, guides, shared_outputs
 from etude.models.process import Posteriors, Teaching
 from etude.protocols import FitData, Posterior
@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # a campaign loads only the member that it uses
 def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
     """Exact regression on `points` samples: evenly spread ones, improved by offering every other.
 
-    Hyperparameters come from the chosen samples, not from the members: those of the error rule were picked
-    for their errors, and would teach too large a noise.
+    Hyperparameters come from the chosen samples, not from the members. The error rule picks members for their
+    errors, so noise trained on them is too large.
     """
     from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 
@@ -146,7 +146,7 @@ local_gp = BuiltIn(_local_gp)
 lwpr = BuiltIn(_lwpr)
 
 
-def _read_spectrum(metadata: Words, array: Lookup) -> SparseSpectrumPosterior:
+def _read_spectrum(metadata: Metadata, array: Lookup) -> SparseSpectrumPosterior:
     from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures
 
     return SparseSpectrumPosterior(
@@ -161,7 +161,7 @@ def _read_spectrum(metadata: Words, array: Lookup) -> SparseSpectrumPosterior:
     )
 
 
-def _local(metadata: Words, array: Lookup) -> LocalPosterior:
+def _local(metadata: Metadata, array: Lookup) -> LocalPosterior:
     from etude_sparse.local_posterior import local_posterior_given
 
     return local_posterior_given(
@@ -178,7 +178,7 @@ def _local(metadata: Words, array: Lookup) -> LocalPosterior:
 LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
 
 
-def _read_lwpr(metadata: Words, array: Lookup) -> LWPRPosterior:
+def _read_lwpr(metadata: Metadata, array: Lookup) -> LWPRPosterior:
     from etude_sparse.lwpr.posterior import LWPRPosterior
 
     return LWPRPosterior(

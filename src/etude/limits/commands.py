@@ -92,6 +92,7 @@ class CommandLimit:
     share: Array | None = None
     lasts: float = DECORRELATED
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+    _witness: list[Array] = field(default_factory=list, repr=False)
 
     @property
     def name(self) -> str:
@@ -150,11 +151,38 @@ class CommandLimit:
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
         room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
-        if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
-            return False  # the cheap mean alone already decides
-        if self._clear(mean, piece.duration):
+        if np.any(rates > CLOSE * self.rate):
+            return False
+        if np.any(room < 0.0) or self._clear(mean, piece.duration):  # the cheap mean alone already decides
+            return self._remembered(motion, -room, piece.duration)
+        return self._remembered(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
+
+    def fails_again(self, piece: Trajectory) -> bool:
+        """Whether a motion fails at the instants at which `keeps` last found the largest excess."""
+        if not self._witness:
+            return False
+        t, rows = np.unique(self._witness[0] * piece.duration, return_inverse=True)
+        mean, deviation = self._both(piece.motion(t, self.orders))
+        _, at, left, right = rows.reshape(4, -1)
+        off = np.abs(mean[at] - 0.5 * (self.upper + self.lower))
+        spread = self._counted(piece.duration) * np.maximum(deviation[left], deviation[right])
+        return bool(np.any(off + spread > CLOSE * 0.5 * (self.upper - self.lower)))
+
+    def _remembered(self, motion: Motion, excess: Array, duration: float, apart: float = SELDOM) -> bool:
+        """Whether no excess (T, J) is positive; else each such command's worst instant is kept for
+        `fails_again`.
+
+        With it are kept the instant before, which shows friction the direction, and the two samples `apart`
+        seconds from each other whose deviations `spread` takes there.
+        """
+        if np.all(excess <= 0.0):
             return True
-        return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
+        rows = np.unique(excess.argmax(axis=0)[~np.all(excess <= 0.0, axis=0)])
+        every = max(1, whole_down(apart / float(motion.t[1] - motion.t[0])))
+        left = rows // every * every
+        places = np.stack([rows - 1, rows, left, left + (every if apart else 0)]).clip(0, len(motion.t) - 1)
+        self._witness[:] = [motion.t[places] / duration]
+        return False
 
     def violated(self, piece: Trajectory) -> bool:
         """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
@@ -170,17 +198,16 @@ class CommandLimit:
         """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        beyond = False
         for ask in (self._both,) if self.at_most is None else (self.at_most, self._both):
             mean, deviation = ask(motion)
             off = np.abs(mean - middle)
             if np.any(off > CLOSE * half):
-                return False
+                return self._remembered(motion, off - CLOSE * half, piece.duration, 0.0)
             most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
             if np.all(most <= AMPLE * half):
                 return True
-            beyond = bool(np.any(off + counted * deviation > CLOSE * half))
-        return False if beyond else None
+            excess = off + counted * deviation - CLOSE * half
+        return None if self._remembered(motion, excess, piece.duration, 0.0) else False
 
     def _both(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""

@@ -45,7 +45,13 @@ if TYPE_CHECKING:
         trained_process,
         units_of,
     )
-    from etude.models.forms import kernel_of, kernel_words, posterior_arrays, posterior_of, posterior_words
+    from etude.models.forms import (
+        kernel_metadata,
+        kernel_of,
+        posterior_arrays,
+        posterior_metadata,
+        posterior_of,
+    )
     from etude.models.gp.basis_posterior import BasisPosterior
     from etude.models.gp.bayesian_linear import BayesianLinear
     from etude.models.gp.cholesky import JitterWarning, factorise
@@ -123,8 +129,8 @@ __all__ = [
     "in_order",
     "initial_gp",
     "initial_inducing",
+    "kernel_metadata",
     "kernel_of",
-    "kernel_words",
     "linear_inputs",
     "load_forecast",
     "load_model",
@@ -134,8 +140,8 @@ __all__ = [
     "near_times",
     "posterior_arrays",
     "posterior_given",
+    "posterior_metadata",
     "posterior_of",
-    "posterior_words",
     "prediction_score",
     "read_residuals",
     "restored",

@@ -100,10 +100,10 @@ def figures(
             where=f"{command.shape}, {mean.shape}, {use.shape}",
         )
     rows = []
-    for j, own in enumerate(use.T):
-        spread = None if variance is None else variance[own, j]
+    for j, mask in enumerate(use.T):
+        spread = None if variance is None else variance[mask, j]
         basis = None if trivial is None else trivial[:, j]
-        rows.append(_figures_of(command[own, j], mean[own, j], spread, basis))
+        rows.append(_figures_of(command[mask, j], mean[mask, j], spread, basis))
     return Figures(*np.array(rows).reshape(-1, 4).T)
 
 
@@ -176,16 +176,16 @@ def score_trajectories(
     late = np.broadcast_to((samples.t >= TRANSIENT_S)[:, None], error.shape)
     numbers, rows = np.unique(samples.group), []
     for number in numbers:
-        own = (samples.group == number)[:, None] & samples.usable
+        mask = (samples.group == number)[:, None] & samples.usable
         rows.append(
             (
-                np.abs(error[own]).mean() if own.any() else np.nan,
-                np.abs(error[own & late]).mean() if (own & late).any() else np.nan,
-                (ratio[own] ** 2).mean() if own.any() else np.nan,
-                (np.abs(ratio[own]) <= NORMAL_95).mean() if own.any() else np.nan,
-                -density[own].mean() if own.any() else np.nan,
-                -tailed[own].mean() if own.any() else np.nan,
-                deviation[own].mean() if own.any() else np.nan,
+                np.abs(error[mask]).mean() if mask.any() else np.nan,
+                np.abs(error[mask & late]).mean() if (mask & late).any() else np.nan,
+                (ratio[mask] ** 2).mean() if mask.any() else np.nan,
+                (np.abs(ratio[mask]) <= NORMAL_95).mean() if mask.any() else np.nan,
+                -density[mask].mean() if mask.any() else np.nan,
+                -tailed[mask].mean() if mask.any() else np.nan,
+                deviation[mask].mean() if mask.any() else np.nan,
             )
         )
     return TrajectoryScores(numbers, *np.array(rows).T)
@@ -230,14 +230,14 @@ class ErrorRatio:
         return "level" if self.upper <= LEVEL else "not better"
 
 
-def compared(against: str, own: Array, other: Array) -> ErrorRatio:
+def compared(against: str, errors: Array, other: Array) -> ErrorRatio:
     """The comparison of errors (S, J) by segment and command; NaN where a command said nothing."""
     from scipy.stats import t
 
     tiny = np.finfo(float).tiny
-    logs = np.log(np.maximum(own, tiny)) - np.log(np.maximum(other, tiny))
-    known = np.isfinite(logs)
-    logs = logs[known.any(axis=1)]
+    logs = np.log(np.maximum(errors, tiny)) - np.log(np.maximum(other, tiny))
+    finite = np.isfinite(logs)
+    logs = logs[finite.any(axis=1)]
     by_command = tuple(_exp(column[np.isfinite(column)]) for column in logs.T)
     means = np.array([row[np.isfinite(row)].mean() for row in logs])
     count = len(means)
@@ -257,22 +257,22 @@ def _exp(logs: Array) -> float:
 def by_segment(error: Array, group: Index, segments: Sequence[int]) -> Array:
     """(S, J) root mean square of errors (n, J) in each segment; NaN where there are none."""
     rows = [np.where(group[:, None] == number, error, np.nan) for number in segments]
-    known = [np.isfinite(own).sum(axis=0) for own in rows]
-    sums = [np.nansum(own**2, axis=0) for own in rows]
+    finite = [np.isfinite(row).sum(axis=0) for row in rows]
+    sums = [np.nansum(row**2, axis=0) for row in rows]
     shape = (len(rows), error.shape[1])
-    counts, squares = np.reshape(known, shape), np.reshape(sums, shape)
+    counts, squares = np.reshape(finite, shape), np.reshape(sums, shape)
     return np.asarray(np.sqrt(squares / np.where(counts > 0, counts, np.nan)))
 
 
 def coverage(error: Array, variance: Array) -> tuple[Array, Array]:
     """(J,) parts of the commands inside their 50 % and 95 % intervals; NaN of none."""
-    found = []
+    shares = []
     for width in (NARROW, WIDE):
-        known = np.isfinite(error) & np.isfinite(variance)
-        inside = known & (np.abs(error) <= width * np.sqrt(variance))
-        counts = known.sum(axis=0)
-        found.append(inside.sum(axis=0) / np.where(counts > 0, counts, np.nan))
-    return found[0], found[1]
+        finite = np.isfinite(error) & np.isfinite(variance)
+        inside = finite & (np.abs(error) <= width * np.sqrt(variance))
+        counts = finite.sum(axis=0)
+        shares.append(inside.sum(axis=0) / np.where(counts > 0, counts, np.nan))
+    return shares[0], shares[1]
 
 
 def uncalibrated(wide: Array) -> list[int]:

@@ -16,27 +16,27 @@ from etude.protocols import Posterior
 from etude.types import Array, Code, Column
 
 
-def posteriors_code(name: str, own: Sequence[Posterior]) -> Code:
+def posteriors_code(name: str, posteriors: Sequence[Posterior]) -> Code:
     """One function for a posterior of each output; those of one factor share their covariances.
 
     Raises:
         UnwritableError: a posterior or a part of a kernel has no C.
     """
     groups: dict[int, list[int]] = {}
-    for place, posterior in enumerate(own):
+    for place, posterior in enumerate(posteriors):
         shared = posterior.L if isinstance(posterior, ExactPosterior) else posterior
         groups.setdefault(id(shared), []).append(place)
     parts = []
     for number, places in enumerate(groups.values()):
         function = f"{name}_{number}"
-        parts.append((_group(function, [own[place] for place in places]), function, tuple(places)))
+        parts.append((_group(function, [posteriors[place] for place in places]), function, tuple(places)))
     return merged_functions(name, parts)
 
 
-def _group(name: str, own: Sequence[Any]) -> Code:
-    first = own[0]
+def _group(name: str, posteriors: Sequence[Any]) -> Code:
+    first = posteriors[0]
     if isinstance(first, ExactPosterior):
-        weights = np.stack([posterior.alpha for posterior in own])
+        weights = np.stack([posterior.alpha for posterior in posteriors])
         order, factor = greedy_order(first.L)
         return expanded(name, in_parts(first.kernel), first.theta, first.X, weights, factor, order)
     if isinstance(first, BasisPosterior):
@@ -50,18 +50,18 @@ def _group(name: str, own: Sequence[Any]) -> Code:
 def silent_code(name: str, silent: Any) -> Code:
     """A mean of zero, and the variance of `process.Silent`."""
     m = len(silent.least)
-    grown = silent.grows and silent.own is not None
-    own: Code | None = silent.own.c(f"{name}_own") if grown else None
+    grows = silent.grows and silent.own is not None
+    inner: Code | None = silent.own.c(f"{name}_own") if grows else None
     lines = [f"    mean[{j}] = R(0.0);" for j in range(m)]
     lines += ["    if (variance) {"]
-    if grown:
+    if grows:
         pairs = enumerate(zip(silent.calibration, silent.own.noise_variance, strict=True))
         lines += [
             f"        variance[{j}] = variance[{j}] / {real(f)} - {real(s)};" for j, (f, s) in pairs if f
         ]
         lines += [f"        {name}_own(x, own, variance);"]
     for j, least in enumerate(silent.least):
-        if grown:
+        if grows:
             noise, factor = silent.own.noise_variance[j], silent.calibration[j]
             lines += [f"        variance[{j}] = {real(factor)} * (variance[{j}] + {real(noise)});"]
             lines += [f"        if (variance[{j}] < {real(least)}) variance[{j}] = {real(least)};"]
@@ -69,8 +69,8 @@ def silent_code(name: str, silent: Any) -> Code:
             lines += [f"        variance[{j}] = {real(least)};"]
     lines += ["    }"]
     head = f"static void {name}(const real *x, real *mean, real *variance)\n{{"
-    guard = ["#if VARIANCE", f"    real own[{m}];", "#endif"] if grown else ["    (void)x;"]
-    if own is not None:
+    guard = ["#if VARIANCE", f"    real own[{m}];", "#endif"] if grows else ["    (void)x;"]
+    if inner is not None:
         lines = [
             *lines[:m],
             "#if VARIANCE",
@@ -80,9 +80,9 @@ def silent_code(name: str, silent: Any) -> Code:
             "    (void)variance;",
             "#endif",
         ]
-        body = "\n".join(["#if VARIANCE", own.body, "#endif", head, *guard, *lines, "}", ""])
-        every = {**own.data, **own.variance}
-        return Code(body, {}, every, work=own.work + m, operations=(m, sum(own.operations)))
+        body = "\n".join(["#if VARIANCE", inner.body, "#endif", head, *guard, *lines, "}", ""])
+        every = {**inner.data, **inner.variance}
+        return Code(body, {}, every, work=inner.work + m, operations=(m, sum(inner.operations)))
     return Code("\n".join([head, *guard, *lines, "}", ""]), {}, operations=(m, m))
 
 
@@ -107,15 +107,15 @@ def mean_function(
 
 def linear_code(name: str, columns: Sequence[Column], weights: Array) -> Code:
     """Linear regression: weights (F + 1, J) of the columns without an op, and of the constant."""
-    seen: dict[str, int] = {}
+    used: dict[str, int] = {}
     terms = []
     for channel, _, _, op in columns:
         if not op:
-            terms.append(f"c_{channel}[{seen.get(channel, 0)}]")
-            seen[channel] = seen.get(channel, 0) + 1
+            terms.append(f"c_{channel}[{used.get(channel, 0)}]")
+            used[channel] = used.get(channel, 0) + 1
     lines = []
-    for j, own in enumerate(weights.T):
-        parts = [f"{real(w)} * {term}" for w, term in zip(own, terms, strict=False)]
-        lines.append(f"    command[{j}] = {' + '.join([real(own[-1]), *parts])};")
-    body = mean_function(name, tuple(seen), lines)
-    return Code(body, {}, reads=tuple(seen), operations=(2 * weights.size, 0))
+    for j, column in enumerate(weights.T):
+        parts = [f"{real(w)} * {term}" for w, term in zip(column, terms, strict=False)]
+        lines.append(f"    command[{j}] = {' + '.join([real(column[-1]), *parts])};")
+    body = mean_function(name, tuple(used), lines)
+    return Code(body, {}, reads=tuple(used), operations=(2 * weights.size, 0))

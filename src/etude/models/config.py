@@ -173,8 +173,8 @@ class ModelConfig:
     @property
     def averages(self) -> bool:
         """Whether other candidates than the default can take part."""
-        own = (self.kernel, self.process, self.sharing) == ("structured", "exact", "separate")
-        return own and set(self.candidates) != {"default"}
+        is_separate = (self.kernel, self.process, self.sharing) == ("structured", "exact", "separate")
+        return is_separate and set(self.candidates) != {"default"}
 
     @property
     def remembers(self) -> bool:

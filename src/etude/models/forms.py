@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # what is not stored is not loaded
 
 GROUP = "etude.forms"
 Arrays = dict[str, NDArray[Any]]
-Words = dict[str, Any]
+Metadata = dict[str, Any]
 Lookup = Callable[[str], NDArray[Any]]
 
 
@@ -31,20 +31,22 @@ class Form:
     Attributes:
         arrays: names of its attributes that are arrays, stored as they are; a kernel has none.
         words: names of its numbers and descriptions, stored in full precision.
-        make: words and a look-up of arrays -> the posterior or the kernel.
+        make: metadata and a look-up of arrays -> the posterior or the kernel.
     """
 
     arrays: tuple[str, ...]
     words: tuple[str, ...]
-    make: Callable[[Words, Lookup], Any]
+    make: Callable[[Metadata, Lookup], Any]
 
 
-def _exact(words: Words, array: Lookup) -> ExactPosterior:
-    known = checked_data(array("X"), array("y"))
-    return ExactPosterior(kernel_of(words["kernel"]), array("theta"), float(words["noise_variance"]), *known)
+def _exact(metadata: Metadata, array: Lookup) -> ExactPosterior:
+    data = checked_data(array("X"), array("y"))
+    return ExactPosterior(
+        kernel_of(metadata["kernel"]), array("theta"), float(metadata["noise_variance"]), *data
+    )
 
 
-def _basis(words: Words, array: Lookup) -> BasisPosterior:
+def _basis(metadata: Metadata, array: Lookup) -> BasisPosterior:
     from etude.models.gp.basis_posterior import BasisPosterior, unpacked
 
     basis = array("basis")
@@ -52,8 +54,10 @@ def _basis(words: Words, array: Lookup) -> BasisPosterior:
         half = unpacked(array("packed"), len(basis))
     except KeyError:  # of an earlier file, which holds the upper half too
         half = np.asfortranarray(array("half"))
-    numbers = float(words["noise_variance"]), float(words["signal_variance"])
-    return BasisPosterior(kernel_of(words["kernel"]), array("theta"), *numbers, basis, array("weights"), half)
+    numbers = float(metadata["noise_variance"]), float(metadata["signal_variance"])
+    return BasisPosterior(
+        kernel_of(metadata["kernel"]), array("theta"), *numbers, basis, array("weights"), half
+    )
 
 
 EXACT = Form(("theta", "X", "y"), ("noise_variance",), _exact)
@@ -61,13 +65,13 @@ EXACT = Form(("theta", "X", "y"), ("noise_variance",), _exact)
 BASIS = Form(("theta", "basis", "weights", "packed"), ("noise_variance", "signal_variance"), _basis)
 
 
-def posterior_words(posterior: Posterior) -> Words:
+def posterior_metadata(posterior: Posterior) -> Metadata:
     """Form, kernel and numbers of a posterior, for JSON. TypeError if its type has no form."""
     name, form = _form_of(posterior)
-    words: Words = {"form": name}
+    metadata: Metadata = {"form": name}
     if isinstance(posterior, HasKernel):
-        words["kernel"] = kernel_words(posterior.kernel)
-    return words | {word: getattr(posterior, word) for word in form.words}
+        metadata["kernel"] = kernel_metadata(posterior.kernel)
+    return metadata | {word: getattr(posterior, word) for word in form.words}
 
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
@@ -76,17 +80,17 @@ def posterior_arrays(posterior: Posterior) -> Arrays:
     return {name: getattr(posterior, name) for name in form.arrays}
 
 
-def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) -> Posterior:
-    """The posterior of its words and of the arrays whose names begin with `prefix`.
+def posterior_of(metadata: Metadata, arrays: Mapping[str, NDArray[Any]], prefix: str) -> Posterior:
+    """The posterior of its metadata and of the arrays whose names begin with `prefix`.
 
     Raises:
         ValueError: unknown form or kernel. KeyError: something is missing.
     """
-    name = words["form"]
+    name = metadata["form"]
     if name not in plugins.names(GROUP):  # a file names forms, it never brings code
         raise ValueError(f"unknown form {name!r} of a posterior")
-    found: Posterior = plugins.load(GROUP, name).make(words, lambda array: arrays[prefix + array])
-    return found
+    posterior: Posterior = plugins.load(GROUP, name).make(metadata, lambda array: arrays[prefix + array])
+    return posterior
 
 
 def _form_of(stored: object) -> tuple[str, Form]:
@@ -95,7 +99,7 @@ def _form_of(stored: object) -> tuple[str, Form]:
     raise TypeError(f"{type(stored).__name__} has no form on disk yet")
 
 
-def kernel_words(kernel: Kernel) -> Words:
+def kernel_metadata(kernel: Kernel) -> Metadata:
     """A kernel for JSON, a plug-in's by its name. TypeError for a type that has no form."""
     from etude.models.gp.plugin_kernel import PluginKernel
 
@@ -107,7 +111,7 @@ def kernel_words(kernel: Kernel) -> Words:
             "commands": list(kernel.commands),
         }
     if isinstance(kernel, Sum | Product):
-        return {"type": type(kernel).__name__, "parts": [kernel_words(part) for part in kernel.parts]}
+        return {"type": type(kernel).__name__, "parts": [kernel_metadata(part) for part in kernel.parts]}
     if isinstance(kernel, SquaredExponential):
         return {
             "type": "SquaredExponential",
@@ -128,31 +132,31 @@ def _plain(value: Any) -> Any:
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
-def kernel_of(words: Words) -> Kernel:
-    """The kernel that `kernel_words` described.
+def kernel_of(metadata: Metadata) -> Kernel:
+    """The kernel that `kernel_metadata` described.
 
     Raises:
         ValueError: an unknown type. UsageError: a plug-in that is not there.
     """
-    kind = words["type"]
+    kind = metadata["type"]
     if kind == "plugin":
         from etude.models.gp.plugin_kernel import PluginKernel
 
-        name, columns = words["name"], [tuple(column) for column in words["columns"]]
+        name, columns = metadata["name"], [tuple(column) for column in metadata["columns"]]
         factory = plugins.load("etude.kernels", name)
-        return PluginKernel.of(name, factory, columns, tuple(words["commands"]))
+        return PluginKernel.of(name, factory, columns, tuple(metadata["commands"]))
     if kind in ("Sum", "Product"):
-        parts = tuple(kernel_of(part) for part in words["parts"])
+        parts = tuple(kernel_of(part) for part in metadata["parts"])
         return Sum(parts) if kind == "Sum" else Product(parts)
     if kind == "SquaredExponential":
-        return SquaredExponential(tuple(words["dims"]), bool(words["unit"]), float(words["share"]))
+        return SquaredExponential(tuple(metadata["dims"]), bool(metadata["unit"]), float(metadata["share"]))
     if kind == "Linear":
-        return Linear(tuple(words["dims"]))
+        return Linear(tuple(metadata["dims"]))
     if kind == "RestNoise":
-        return RestNoise(int(words["column"]))
+        return RestNoise(int(metadata["column"]))
     if kind in plugins.names(GROUP):
-        found: Kernel = plugins.load(GROUP, kind).make(words, _no_arrays)
-        return found
+        kernel: Kernel = plugins.load(GROUP, kind).make(metadata, _no_arrays)
+        return kernel
     raise ValueError(f"unknown kernel {kind!r}")
 
 

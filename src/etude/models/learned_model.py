@@ -56,19 +56,19 @@ def known_of(candidates: Sequence[Candidate], believed: Sequence[bool]) -> Array
     """(J,) what may be unknown of each command before a row lies outside; infinite where no process has
     inputs, and 0 where the mean is not believed: it is known nowhere.
     """
-    found = np.full(len(believed), np.inf)
+    levels = np.full(len(believed), np.inf)
     for j in range(len(believed)):
-        own = [(c, c.commands.index(j)) for c in candidates if j in c.commands]
-        own = [(c, place) for c, place in own if c.weights[place] > 0.0]
-        X = _inputs(own)
+        members = [(c, c.commands.index(j)) for c in candidates if j in c.commands]
+        members = [(c, place) for c, place in members if c.weights[place] > 0.0]
+        X = _inputs(members)
         if X is not None:
-            found[j] = _known(own, X) if believed[j] else 0.0
-    return found
+            levels[j] = _known_of_command(members, X) if believed[j] else 0.0
+    return levels
 
 
-def _inputs(own: list[tuple[Candidate, int]]) -> Array | None:
+def _inputs(members: list[tuple[Candidate, int]]) -> Array | None:
     """(k, D) of the candidate that weighs most among those that have some."""
-    for candidate, _ in sorted(own, key=lambda pair: -float(pair[0].weights[pair[1]])):
+    for candidate, _ in sorted(members, key=lambda pair: -float(pair[0].weights[pair[1]])):
         process: object = candidate.process
         X = process.conditioned_on if isinstance(process, HasInputs) else None
         if X is not None and len(X):
@@ -76,12 +76,12 @@ def _inputs(own: list[tuple[Candidate, int]]) -> Array | None:
     return None
 
 
-def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
+def _known_of_command(members: list[tuple[Candidate, int]], X: Array) -> float:
     """Of one command. Candidates that stand on one mean function are told apart by their outputs; how far
     mean functions are apart is not known of inputs alone, and not counted."""
-    weights = np.array([float(c.weights[place]) for c, place in own])
+    weights = np.array([float(c.weights[place]) for c, place in members])
     means, unknown, noise = [], [], 0.0
-    for weight, (candidate, place) in zip(weights, own, strict=True):
+    for weight, (candidate, place) in zip(weights, members, strict=True):
         assert candidate.process is not None
         factor = float(candidate.calibration[place] * candidate.units[1, place] ** 2)
         white = float(candidate.process.noise_variance[place])
@@ -91,11 +91,11 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
         means.append(candidate.units[0, place] + outputs(candidate, X)[:, place])
         noise += weight * factor * white
     apart = np.zeros(len(X))
-    for mean in {id(candidate.mean) for candidate, _ in own}:
-        alike = [k for k, (candidate, _) in enumerate(own) if id(candidate.mean) == mean]
-        outputs_, own_weights = np.stack([means[k] for k in alike]), weights[alike]
-        average = own_weights @ outputs_ / own_weights.sum()
-        apart = apart + own_weights @ (outputs_ - average) ** 2
+    for mean in {id(candidate.mean) for candidate, _ in members}:
+        alike = [k for k, (candidate, _) in enumerate(members) if id(candidate.mean) == mean]
+        outputs_, part_weights = np.stack([means[k] for k in alike]), weights[alike]
+        average = part_weights @ outputs_ / part_weights.sum()
+        apart = apart + part_weights @ (outputs_ - average) ** 2
     return float(
         known_in_training(np.asarray(np.mean(weights @ np.stack(unknown) + apart)), np.asarray(noise))
     )
@@ -103,12 +103,14 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
 
 def leading_structures(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
     """The structure with most weight in each of that many commands, the first of equal ones; "" of none."""
-    found: list[dict[str, float]] = [{} for _ in range(commands)]
+    weights: list[dict[str, float]] = [{} for _ in range(commands)]
     for candidate in candidates:
         for j, weight in zip(candidate.commands, candidate.weights.tolist(), strict=True):
             if weight > 0.0:
-                found[j][candidate.structure] = found[j].get(candidate.structure, 0.0) + weight
-    return tuple(max(own, key=lambda name: own[name], default="") for own in found)
+                weights[j][candidate.structure] = weights[j].get(candidate.structure, 0.0) + weight
+    return tuple(
+        max(by_structure, key=lambda name: by_structure[name], default="") for by_structure in weights
+    )
 
 
 class Prediction(tuple[Array, Array]):
@@ -125,9 +127,9 @@ class Prediction(tuple[Array, Array]):
     @classmethod
     def of(cls, mean: Array, variance: Array, unknown: Array, said: Sequence[str] = ()) -> Prediction:
         """The pair with what is beside it."""
-        found = cls((mean, variance))
-        found.unknown, found.said = unknown, tuple(said)
-        return found
+        prediction = cls((mean, variance))
+        prediction.unknown, prediction.said = unknown, tuple(said)
+        return prediction
 
     @property
     def mean(self) -> Array:
@@ -195,7 +197,7 @@ class LearnedModel:
         Raises:
             UsageError: the structure was not trained for all commands.
         """
-        found = tuple(
+        members = tuple(
             replace(c, weights=share_of(c) * float(c.structure == structure)) for c in self.candidates
         )
         if not self._covers(structure):
@@ -204,19 +206,19 @@ class LearnedModel:
                 next_step=f"It has {', '.join(self.structures)}.",
             )
         alone = self.in_use == (structure,)
-        return replace(self, candidates=found, width=self.width if alone else None, warnings=())
+        return replace(self, candidates=members, width=self.width if alone else None, warnings=())
 
     def _covers(self, structure: str) -> bool:
-        own = {j for c in self.candidates if c.structure == structure for j in c.commands}
-        return len(own) == len(self.commands)
+        commands = {j for c in self.candidates if c.structure == structure for j in c.commands}
+        return len(commands) == len(self.commands)
 
     def of_command(self, command: int) -> LearnedModel:
         """The same model for who asks one command alone: what only serves others is not in use, and no price
         is paid for it.
         """
-        own = (np.array([float(j == command) for j in c.commands]) for c in self.candidates)
-        found = zip(self.candidates, own, strict=True)
-        return replace(self, candidates=tuple(replace(c, weights=c.weights * keep) for c, keep in found))
+        masks = (np.array([float(j == command) for j in c.commands]) for c in self.candidates)
+        pairs = zip(self.candidates, masks, strict=True)
+        return replace(self, candidates=tuple(replace(c, weights=c.weights * keep) for c, keep in pairs))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -239,26 +241,26 @@ class LearnedModel:
 
     def _prior(self, *, noise: bool) -> Array:
         variance = np.zeros(len(self.commands))
-        for candidate, own in self._in_use():
+        for candidate, columns in self._in_use():
             assert candidate.process is not None
             prior = candidate.process.signal_variance
             if noise:
                 held = [sum(s for _, s in pairs) for pairs in rests_of(candidate)]
                 prior = prior + candidate.process.noise_variance + held
-            variance[own] += candidate.weights * candidate.units[1] ** 2 * prior
+            variance[columns] += candidate.weights * candidate.units[1] ** 2 * prior
         return np.asarray(np.sqrt(variance))
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
         """What a design sees: a posterior for each command, the default's of the structure in use."""
-        found, chosen = [], self.chosen
+        latents, chosen = [], self.chosen
         for candidate in self.candidates:
             if candidate.process is None or name_of(candidate) != "default":
                 continue
             for posterior, places in candidate.process.latents():
-                own = [candidate.commands[p] for p in places]
-                used = tuple(j for j in own if chosen[j] == candidate.structure)
-                found += [(posterior, used)] if used else []
-        return found
+                commands = [candidate.commands[p] for p in places]
+                used = tuple(j for j in commands if chosen[j] == candidate.structure)
+                latents += [(posterior, used)] if used else []
+        return latents
 
     def worth(self) -> Array:
         """(J,) independent samples that a sample is worth."""
@@ -268,8 +270,8 @@ class LearnedModel:
         structures = ", ".join(
             f"{name}: {structure}" for name, structure in zip(self.commands, self.chosen, strict=True)
         )
-        known = "calibrated" if self.calibrated else "not calibrated yet"
-        return f"LearnedModel of {len(self.commands)} commands, {known} ({structures})"
+        state = "calibrated" if self.calibrated else "not calibrated yet"
+        return f"LearnedModel of {len(self.commands)} commands, {state} ({structures})"
 
     def predict(self, log: Any, *, fade: bool = True) -> Prediction:
         """What to command (n, J), and its variance (n, J), which includes noise and calibration.
@@ -286,7 +288,7 @@ class LearnedModel:
             a pair that also says what holds of it, as `Prediction.said`.
         """
         run = as_run(log, self.columns, self.inputs)
-        return self._told(run, iter, fade=fade)
+        return self._prediction(run, iter, fade=fade)
 
     def faded(self, log: Any) -> Array:
         """The commands (n, J) of `predict` alone, to rounding, for less.
@@ -295,10 +297,10 @@ class LearnedModel:
         leaves full trust, nothing fades; processes are asked again at the other rows alone.
         """
         means = Means(as_run(log, self.columns, self.inputs).log)
-        told: dict[int, tuple[Array, Array]] = {}
+        predictions: dict[int, tuple[Array, Array]] = {}
 
         def bound(process: Process, X: Array) -> tuple[Array, Array]:
-            return told.setdefault(id(process), _at_most(process, X))
+            return predictions.setdefault(id(process), _at_most(process, X))
 
         average, variance, noise = self._predicted(means, iter, bound)
         full, _ = thresholds(self.signal_deviation, self.known)
@@ -307,7 +309,7 @@ class LearnedModel:
             return average
 
         def exact(process: Process, X: Array) -> tuple[Array, Array]:
-            mean, least = told[id(process)]
+            mean, least = predictions[id(process)]
             least[doubtful] = process.predict(X[doubtful])[1]
             return mean, least
 
@@ -320,7 +322,7 @@ class LearnedModel:
         return average, self.widened(variance)
 
     def widened(self, variance: Array) -> Array:
-        """Variances (n, J) as they are told."""
+        """Variances (n, J) with the model's width."""
         return variance if self.width is None else np.asarray(variance * self.width)
 
     def posterior(self, log: Any) -> tuple[Array, Array]:
@@ -337,16 +339,16 @@ class LearnedModel:
         """As `posterior`, by structure that was trained for all commands, and under "" of those in use; each
         process is asked once.
         """
-        means, told = Means(log), dict[int, tuple[Array, Array]]()
+        means, predictions = Means(log), dict[int, tuple[Array, Array]]()
 
-        def once(process: Process, X: Array) -> tuple[Array, Array]:
-            if id(process) not in told:
-                told[id(process)] = process.predict(X)
-            return told[id(process)]
+        def memoized(process: Process, X: Array) -> tuple[Array, Array]:
+            if id(process) not in predictions:
+                predictions[id(process)] = process.predict(X)
+            return predictions[id(process)]
 
         models = {"": self} | {s: self.of_structure(s) for s in self.structures if self._covers(s)}
-        found = {name: model._predicted(means, iter, once) for name, model in models.items()}
-        return {name: (mean, models[name].widened(variance)) for name, (mean, variance, _) in found.items()}
+        results = {name: model._predicted(means, iter, memoized) for name, model in models.items()}
+        return {name: (mean, models[name].widened(variance)) for name, (mean, variance, _) in results.items()}
 
     def parted(self, log: Any) -> tuple[Array, Array, Array]:
         """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""
@@ -372,7 +374,7 @@ class LearnedModel:
         doubted = np.zeros(len(self.commands)) if self.least is None else self.least
         return known_of(self.candidates, (doubted <= 0.0).tolist())
 
-    def _told(self, run: Run, each: _Each, *, fade: bool = True) -> Prediction:
+    def _prediction(self, run: Run, each: _Each, *, fade: bool = True) -> Prediction:
         means = Means(run.log)
         average, variance, noise = self._predicted(means, each)
         command, unknown = average, variance - noise
@@ -392,17 +394,17 @@ class LearnedModel:
         """
         X, parts = self.inputs.of_log(means.log) if X is None else X, []
         average = np.zeros((len(X), len(self.commands)))
-        for candidate, own in each(self._in_use()):
+        for candidate, columns in each(self._in_use()):
             assert candidate.process is not None
             output, latent = ask(candidate.process, X)
             mean = means.of(candidate) + candidate.units[1] * output
             noisy = latent + candidate.process.noise_variance
-            average[:, own] += candidate.weights * mean
-            parts.append((own, candidate, mean, candidate.calibration * candidate.units[1] ** 2 * noisy))
+            average[:, columns] += candidate.weights * mean
+            parts.append((columns, candidate, mean, candidate.calibration * candidate.units[1] ** 2 * noisy))
         variance, noise = np.zeros_like(average), np.zeros_like(average)
-        for own, candidate, mean, spread in parts:
-            variance[:, own] += candidate.weights * (spread + (mean - average[:, own]) ** 2)
-            noise[:, own] += candidate.weights * noise_of(candidate, X)
+        for columns, candidate, mean, spread in parts:
+            variance[:, columns] += candidate.weights * (spread + (mean - average[:, columns]) ** 2)
+            noise[:, columns] += candidate.weights * noise_of(candidate, X)
         if self.least is not None:  # a mean that is not believed may be wrong by all of itself
             doubted = self.least > 0.0
             variance = np.where(doubted, np.maximum(variance, self.least + average**2), variance)
@@ -419,11 +421,11 @@ class LearnedModel:
         the root of its variance, and 1 where the row lies outside of what was learned, else 0. Says how far
         it is.
         """
-        found = self._told(as_run(log, self.columns, self.inputs), counted)
+        prediction = self._prediction(as_run(log, self.columns, self.inputs), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
         beside = {name: replace(parts, name=name, role="aside") for name in ("deviation", "outside")}
-        values = {"command": found.mean, "deviation": np.sqrt(found.variance)}
-        values["outside"] = outside(found.unknown, self.known).astype(float)
+        values = {"command": prediction.mean, "deviation": np.sqrt(prediction.variance)}
+        values["outside"] = outside(prediction.unknown, self.known).astype(float)
         return replace(log, channels={parts.name: parts, **beside}, values=values)
 
     def feedforward(self, trajectory: Trajectory, rate: float = 100.0) -> Log:
@@ -488,14 +490,14 @@ class LearnedModel:
 
     def _safe(self, means: Means) -> Array:
         parts = []
-        for (candidate, own), behind in zip(self._in_use(), self._behind, strict=True):
-            parts.append(level_of(candidate)[None] if behind is None else means.alone(behind, own))
+        for (candidate, columns), behind in zip(self._in_use(), self._behind, strict=True):
+            parts.append(level_of(candidate)[None] if behind is None else means.alone(behind, columns))
         return self._weighted(len(means.log), parts)
 
     def _weighted(self, count: int, parts: Sequence[Array]) -> Array:
         out = np.zeros((count, len(self.commands)))
-        for (candidate, own), part in zip(self._in_use(), parts, strict=True):
-            out[:, own] += candidate.weights * part
+        for (candidate, columns), part in zip(self._in_use(), parts, strict=True):
+            out[:, columns] += candidate.weights * part
         return out
 
     def _in_use(self) -> list[_InUse]:

@@ -77,10 +77,10 @@ def _exact(fit: FitData) -> Teaching:
         return Teaching(fit, shared_outputs(gp), fit.kept)
     from etude.models.gp.inducing import Induced, telling_inputs
 
-    kept, points = fit.kept, min(fit.config.points, len(fit.kept))
-    guided = kept[np.arange(points) * len(kept) // points]
+    basis, points = fit.kept, min(fit.config.points, len(fit.kept))
+    guided = basis[np.arange(points) * len(basis) // points]
     guides = shared_outputs(gp)(fit.X[guided], fit.Y[guided])
-    Z = telling_inputs(gp, fit.X[kept])
+    Z = telling_inputs(gp, fit.X[basis])
     return Teaching(fit, Induced(gp, Z, fit.X[every], every, fit.fold), every, guides)
 
 
@@ -120,22 +120,22 @@ class PluginMember:
     """What a plug-in names, as a member of the family."""
 
     name: str
-    own: Any
+    wrapped: Any
 
     @classmethod
-    def of(cls, name: str, own: Any) -> PluginMember:
+    def of(cls, name: str, member: Any) -> PluginMember:
         """The member. UsageError if it cannot learn or be stored."""
-        if not callable(own) or not isinstance(own, Member):
+        if not callable(member) or not isinstance(member, Member):
             raise UsageError(f"the model {name!r} is no function with an attribute `restore`", next_step=_ASK)
-        return cls(name, own)
+        return cls(name, member)
 
     def __call__(self, fit: FitData) -> Process:
         """The process of the group. UsageError if it is none."""
-        return self._checked(self._tried(lambda: self.own(fit)), fit.X[:3], fit.Y.shape[1])
+        return self._checked(self._tried(lambda: self.wrapped(fit)), fit.X[:3], fit.Y.shape[1])
 
     def restore(self, arrays: Mapping[str, Array]) -> Process:
         """The process whose arrays these are."""
-        return cast("Process", self._tried(lambda: self.own.restore(arrays)))
+        return cast("Process", self._tried(lambda: self.wrapped.restore(arrays)))
 
     def _tried(self, what: Callable[[], Any]) -> Any:
         try:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.forms import posterior_arrays, posterior_of, posterior_words
+from etude.models.forms import posterior_arrays, posterior_metadata, posterior_of
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernels import rests
@@ -98,20 +98,22 @@ class Posteriors:
         if not isinstance(first, ExactPosterior):
             return None
         others = self.own[1:]
-        if not all(isinstance(own, ExactPosterior) and own.L is first.L for own in others):
+        if not all(isinstance(posterior, ExactPosterior) and posterior.L is first.L for posterior in others):
             return None
         return SharedPosterior(cast("tuple[ExactPosterior, ...]", self.own))
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
         """What designs see: one posterior for each covariance, with its commands."""
-        seen = self.guides or self.own
-        if len(seen) == 1:  # its factor, which is made when asked for, is not needed to tell it from others
-            return [(seen[0], (0,))]
-        found: dict[int, tuple[Posterior, list[int]]] = {}
-        for place, posterior in enumerate(seen):
+        posteriors = self.guides or self.own
+        if (
+            len(posteriors) == 1
+        ):  # its factor, which is made when asked for, is not needed to tell it from others
+            return [(posteriors[0], (0,))]
+        groups: dict[int, tuple[Posterior, list[int]]] = {}
+        for place, posterior in enumerate(posteriors):
             key = id(posterior.L if isinstance(posterior, SupportsSharedFactor) else posterior)
-            found.setdefault(key, (posterior, []))[1].append(place)
-        return [(posterior, tuple(places)) for posterior, places in found.values()]
+            groups.setdefault(key, (posterior, []))[1].append(place)
+        return [(posterior, tuple(places)) for posterior, places in groups.values()]
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Means and latent variances (T, m) at X (T, D)."""
@@ -126,8 +128,10 @@ class Posteriors:
         """Means (T, m), and latent variances (T, m) that are at least those of `predict`, for less."""
         if len(self.own) > 1:
             return self.predict(X)
-        own = self.own[0]
-        mean, variance = own.at_most(X) if isinstance(own, SupportsBound) else own.predict(X)
+        posterior = self.own[0]
+        mean, variance = (
+            posterior.at_most(X) if isinstance(posterior, SupportsBound) else posterior.predict(X)
+        )
         return mean[:, None], variance[:, None]
 
     def mean(self, X: Array) -> Array:
@@ -173,12 +177,12 @@ class Posteriors:
         return mean, latent + without.noise_variance
 
     def arrays(self) -> Mapping[str, Array]:
-        """Everything that it predicts from; the words are JSON in bytes."""
+        """Everything that it predicts from; the metadata are JSON in bytes."""
         shared, parts = self.shared, [*self.own, *self.guides]
-        words: dict[str, Any] = {"own": len(self.own), "forms": [posterior_words(p) for p in parts]}
-        words["shared"] = shared is not None and len(self.own) > 1
+        metadata: dict[str, Any] = {"own": len(self.own), "forms": [posterior_metadata(p) for p in parts]}
+        metadata["shared"] = shared is not None and len(self.own) > 1
         arrays = {f"{i}.{name}": a for i, p in enumerate(parts) for name, a in posterior_arrays(p).items()}
-        return {WORDS: cast("Array", np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)), **arrays}
+        return {WORDS: cast("Array", np.frombuffer(json.dumps(metadata).encode(), dtype=np.uint8)), **arrays}
 
     def c(self, name: str) -> Code:
         """C99 of it, with variances. UnwritableError if a posterior or a kernel has none."""
@@ -189,8 +193,8 @@ class Posteriors:
 
 def taught(teaching: Teaching) -> Posteriors:
     """The process on all samples that its member takes."""
-    found = teaching.on(teaching.taught, teaching.fit.Y)
-    return Posteriors(found.own, found.guides, teaching)
+    process = teaching.on(teaching.taught, teaching.fit.Y)
+    return Posteriors(process.own, process.guides, teaching)
 
 
 def restored(arrays: Mapping[str, Array]) -> Posteriors:
@@ -199,14 +203,14 @@ def restored(arrays: Mapping[str, Array]) -> Posteriors:
     Raises:
         KeyError, ValueError, TypeError: something is missing or of an unknown form.
     """
-    words = json.loads(bytes(arrays[WORDS]))
-    parts = [posterior_of(form, arrays, f"{i}.") for i, form in enumerate(words["forms"])]
-    own = tuple(parts[: words["own"]])
-    if words["shared"]:
-        first = cast("ExactPosterior", own[0])
-        Y = np.column_stack([cast("ExactPosterior", posterior).y for posterior in own])
-        own = shared_posterior(first.kernel, first.theta, first.noise_variance, first.X, Y).outputs
-    return Posteriors(own, tuple(parts[words["own"] :]))
+    metadata = json.loads(bytes(arrays[WORDS]))
+    parts = [posterior_of(form, arrays, f"{i}.") for i, form in enumerate(metadata["forms"])]
+    posteriors = tuple(parts[: metadata["own"]])
+    if metadata["shared"]:
+        first = cast("ExactPosterior", posteriors[0])
+        Y = np.column_stack([cast("ExactPosterior", posterior).y for posterior in posteriors])
+        posteriors = shared_posterior(first.kernel, first.theta, first.noise_variance, first.X, Y).outputs
+    return Posteriors(posteriors, tuple(parts[metadata["own"] :]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ def load_model(
 def model_bytes(model: LearnedModel) -> bytes:
     """The file of a model."""
     shelf = _Shelf()
-    words: dict[str, Any] = {
+    metadata: dict[str, Any] = {
         "version": VERSION,
         "member": model.member,
         "commands": model.commands,
@@ -82,9 +82,9 @@ def model_bytes(model: LearnedModel) -> bytes:
     shelf.put_all("inputs", model.inputs.arrays())
     means: dict[int, str] = {}
     processes: dict[int, int] = {}
-    rows = [_candidate_words(shelf, f"c{i}", c, means, processes) for i, c in enumerate(model.candidates)]
-    words |= {"candidates": rows, "arrays": shelf.names}
-    text = np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)
+    rows = [_candidate_metadata(shelf, f"c{i}", c, means, processes) for i, c in enumerate(model.candidates)]
+    metadata |= {"candidates": rows, "arrays": shelf.names}
+    text = np.frombuffer(json.dumps(metadata).encode(), dtype=np.uint8)
     return packed({WORDS: text, **shelf.arrays})
 
 
@@ -93,32 +93,32 @@ def model_of(
 ) -> LearnedModel:
     """The model of a file's bytes; errors of all kinds where they are not whole."""
     stored = arrays_of(data)
-    words = json.loads(bytes(stored[WORDS]))
-    if words["version"] != VERSION:
-        raise ValueError(f"version {words['version']}")
-    arrays = {name: stored[key] for name, key in words["arrays"].items()}
+    metadata = json.loads(bytes(stored[WORDS]))
+    if metadata["version"] != VERSION:
+        raise ValueError(f"version {metadata['version']}")
+    arrays = {name: stored[key] for name, key in metadata["arrays"].items()}
     inputs = inputs_of(_under(arrays, "inputs"))
-    known = {"linear": LinearPhysics(inputs), **physics}
+    all_physics = {"linear": LinearPhysics(inputs), **physics}
     means: dict[str, Mean] = {}
     processes: dict[int, Process] = {}
     rows = [
-        _candidate(f"c{i}", row, arrays, words["member"], known, means, processes)
-        for i, row in enumerate(words["candidates"])
+        _candidate(f"c{i}", row, arrays, metadata["member"], all_physics, means, processes)
+        for i, row in enumerate(metadata["candidates"])
     ]
-    student = words["student"]
+    student = metadata["student"]
     return LearnedModel(
         inputs=inputs,
         candidates=tuple(rows),
-        commands=tuple(words["commands"]),
+        commands=tuple(metadata["commands"]),
         ranges=arrays["ranges"],
-        calibrated=bool(words["calibrated"]),
+        calibrated=bool(metadata["calibrated"]),
         independence=arrays["independence"],
-        freedom=float(words.get("freedom", FREEDOM)),
-        member=words["member"],
+        freedom=float(metadata.get("freedom", FREEDOM)),
+        member=metadata["member"],
         least=arrays.get("least"),
         width=arrays.get("width"),
         student=None if student is None else StudentT(**student),
-        warnings=stated(words["warnings"]),
+        warnings=stated(metadata["warnings"]),
     )
 
 
@@ -148,7 +148,7 @@ class _Shelf:
             self.put(f"{prefix}/{name}", array)
 
 
-def _candidate_words(
+def _candidate_metadata(
     shelf: _Shelf, prefix: str, candidate: Candidate, means: dict[int, str], processes: dict[int, int]
 ) -> dict[str, Any]:
     for name in ("weights", "units", "calibration"):
@@ -156,26 +156,26 @@ def _candidate_words(
     shelf.put(f"{prefix}/share", share_of(candidate))
     if isinstance(candidate, EnsembleMember) and candidate.error is not None:
         shelf.put(f"{prefix}/error", candidate.error)
-    words: dict[str, Any] = {
+    metadata: dict[str, Any] = {
         "rung": candidate.structure,
         "commands": candidate.commands,
         "mean": None,
         "name": name_of(candidate),
     }
     if candidate.mean is not None:
-        words["mean"] = name = _mean_name(candidate, means)
+        metadata["mean"] = name = _mean_name(candidate, means)
         shelf.put_all(f"mean/{name}", candidate.mean.arrays())
-    own = candidate.process
-    words["silent"] = isinstance(own, Silent)
-    if isinstance(own, Silent):
-        shelf.put_all(f"{prefix}/silent", own.arrays())
-        own = own.own
-    if own is None:
-        return words | {"process": None}
-    if id(own) not in processes:
-        processes[id(own)] = len(processes)
-        shelf.put_all(f"p{processes[id(own)]}", own.arrays())
-    return words | {"process": processes[id(own)]}
+    process = candidate.process
+    metadata["silent"] = isinstance(process, Silent)
+    if isinstance(process, Silent):
+        shelf.put_all(f"{prefix}/silent", process.arrays())
+        process = process.own
+    if process is None:
+        return metadata | {"process": None}
+    if id(process) not in processes:
+        processes[id(process)] = len(processes)
+        shelf.put_all(f"p{processes[id(process)]}", process.arrays())
+    return metadata | {"process": processes[id(process)]}
 
 
 def _mean_name(candidate: Candidate, means: dict[int, str]) -> str:
@@ -189,37 +189,37 @@ def _mean_name(candidate: Candidate, means: dict[int, str]) -> str:
 
 def _candidate(
     prefix: str,
-    words: Mapping[str, Any],
+    metadata: Mapping[str, Any],
     arrays: Mapping[str, Array],
     member: str,
     physics: Mapping[str, Physics],
     means: dict[str, Mean],
     processes: dict[int, Process],
 ) -> Candidate:
-    base, number = words["mean"], words["process"]
+    base, number = metadata["mean"], metadata["process"]
     if base is not None and base not in means:
         kind = base.partition(".")[0]
         if kind not in physics:
             raise ValueError(f"the robot has no {kind} physics")
         means[base] = physics[kind].restore(_under(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
-        member_config = CANDIDATES.get(words.get("name", "default"))
-        own_member = member if member_config is None else member_config.process
-        processes[number] = member_named(own_member).restore(_under(arrays, f"p{number}"))
+        member_config = CANDIDATES.get(metadata.get("name", "default"))
+        member_name = member if member_config is None else member_config.process
+        processes[number] = member_named(member_name).restore(_under(arrays, f"p{number}"))
     process: Any = None if number is None else processes[number]
-    if words["silent"]:
-        own = _under(arrays, f"{prefix}/silent")
-        numbers = (own["calibration"], own["least"], own["prior"])
-        process = Silent(process, *numbers, grows=bool(own["grows"]))
+    if metadata["silent"]:
+        stored = _under(arrays, f"{prefix}/silent")
+        numbers = (stored["calibration"], stored["least"], stored["prior"])
+        process = Silent(process, *numbers, grows=bool(stored["grows"]))
     return EnsembleMember(
-        structure=words["rung"],
-        commands=tuple(words["commands"]),
+        structure=metadata["rung"],
+        commands=tuple(metadata["commands"]),
         weights=arrays[f"{prefix}/weights"],
         mean=None if base is None else means[base],
         process=cast("Process", process),
         units=arrays[f"{prefix}/units"],
         calibration=arrays[f"{prefix}/calibration"],
-        name=words.get("name", "default"),
+        name=metadata.get("name", "default"),
         share=arrays.get(f"{prefix}/share"),
         error=arrays.get(f"{prefix}/error"),
     )

@@ -82,7 +82,7 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
         poses = np.where(signs < 0.0, home + signs * (home - lower), home + signs * (upper - home))
         return float(clear_poses(gaps, poses, required).mean()) >= CLEAR
 
-    part = _grown(clear, _shrunk(clear, len(home)), rng)
+    part = _expanded(clear, _shrunk(clear, len(home)), rng)
     return ends(part)
 
 
@@ -98,7 +98,7 @@ def _shrunk(clear: Callable[[Array], bool], size: int) -> Array:
     return part
 
 
-def _grown(clear: Callable[[Array], bool], part: Array, rng: np.random.Generator) -> Array:
+def _expanded(clear: Callable[[Array], bool], part: Array, rng: np.random.Generator) -> Array:
     for _ in range(ROUNDS):
         for j in rng.permutation(len(part)):
             trial = part.copy()

@@ -12,7 +12,7 @@ bounding spheres are far apart need no slab. An ellipsoid has no corners: its di
 
 Let P_j be the reach of joint j for a pair, and TV_j the joint's total variation between two samples. Between
 them the distance d is at least max((d_1 + d_2 - P.TV) / 2, min(d_1, d_2) - P.TV), since it falls by at most
-P.TV from either end. Intervals where this bound is below the wanted distance are halved.
+P.TV from either end. Intervals where this bound is below the required distance are halved.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class Nearest:
     Attributes:
         proved: (n,) m, lower bounds for all times; if `touched`, the smallest of the samples.
         sampled: (n,) m, the smallest of the samples. x: (n,) its place on the path.
-        touched: whether a sample is below the wanted distance.
+        touched: whether a sample is below the required distance.
         evaluations: number of poses.
     """
 
@@ -320,10 +320,12 @@ class Clearance:
         """Warning that hardly any motion is possible, if shapes close to each other at home are the cause."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
-        ways = [path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
-        if at_home[nearest] >= 2.0 * self.margin or not ways:
+        paths = [
+            path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)
+        ]
+        if at_home[nearest] >= 2.0 * self.margin or not paths:
             return ()
-        poses = np.concatenate([path.at(path.knots)[0] for path in ways])
+        poses = np.concatenate([path.at(path.knots)[0] for path in paths])
         part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
         if part.max() >= SMALL:
             return ()
@@ -431,9 +433,8 @@ class Clearance:
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
-            far = (
-                planned[i] >= CUTOFF - 2.0 * TOLERANCE
-            )  # beyond the measured distances: the nearest gap is unknown
+            # beyond the measured distances: the nearest gap is unknown
+            far = planned[i] >= CUTOFF - 2.0 * TOLERANCE
             counted = float(share[groups[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
             notes = [f"planned distance {CUTOFF:g} m or more"] if far and taken[i] > 0.0 else []

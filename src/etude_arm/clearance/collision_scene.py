@@ -130,24 +130,24 @@ def from_file(
     """
     walls = tuple(wall for wall in loaded.planes if not level(wall))
     boxes, others = _boxes(loaded)
-    tried = replace(
+    trial = replace(
         around,
         box=tuple(boxes.values()),
         wall=walls,
         collision=replace(around.collision, boxed=tuple(boxes)),
     )
-    held = _touching_objects(gaps_of(loaded, lower, upper, tried)) if boxes or walls else set()
+    held = _touching_objects(gaps_of(loaded, lower, upper, trial)) if boxes or walls else set()
     taken = {shape: box for shape, box in boxes.items() if box.name not in held}
     free = tuple(wall for wall in walls if wall.name not in held)
     collision = replace(around.collision, boxed=tuple(taken))
     complete = replace(
         around, box=(*around.box, *taken.values()), wall=(*around.wall, *free), collision=collision
     )
-    left = [loaded.beside[shape] for shape in boxes if shape not in taken]
+    parts_of_base = [loaded.beside[shape] for shape in boxes if shape not in taken]
     out = [wall.name for wall in walls if wall.name in held]
     return complete, (
         *_object_sentences(list(taken.values()), free),
-        *_base_sentences(left, others),
+        *_base_sentences(parts_of_base, others),
         *_plane_sentences(out),
     )
 

@@ -104,8 +104,8 @@ def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str],
     """Links that a joint can bring together although an MJCF excludes their contact."""
     pairs = {frozenset(pair) for pair in loaded.excluded}
     shapes = [(skeleton.shapes[i], skeleton.shapes[k]) for i, k in _meeting(skeleton)]
-    left = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
-    return tuple(dict.fromkeys(left))
+    links = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
+    return tuple(dict.fromkeys(links))
 
 
 def _self_pairs(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:

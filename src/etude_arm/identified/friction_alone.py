@@ -111,8 +111,8 @@ def _fitted(joint: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array,
         return estimates[0], estimates[1], estimates[2], widest, widest
     size = float(spec.command[j])
     prior = LARGEST * size / np.array([spec.velocity[j], 1.0, 1.0])
-    tried = [(s * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
-    first = _columns(joint.speed, *tried[0])
+    candidates = [(s * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
+    first = _columns(joint.speed, *candidates[0])
     sizes = _sizes(joint, first * prior, size)
     # prior: stiction exceeds sliding friction by about as much as sliding friction itself
     level, _ = _solved(first[:, :2], joint, _covariance(sizes, joint, size), prior[:2])
@@ -120,9 +120,9 @@ def _fitted(joint: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array,
     V = _covariance(sizes, joint, size)
     evidence = np.zeros(3)
     for terms in (3, 2):
-        columns = [(_columns(joint.speed, *speeds) * prior)[:, :terms] for speeds in tried]
+        columns = [(_columns(joint.speed, *speeds) * prior)[:, :terms] for speeds in candidates]
         losses = [_loss(sizes, joint, H, size)[0] for H in columns]
-        start = np.array(tried[int(np.argmin(losses))])
+        start = np.array(candidates[int(np.argmin(losses))])
         value, deviation, speeds = _with_shape(joint, V, prior[:terms], start, widest)
         evidence[:terms] = savage_dickey(value, deviation, prior[:terms])
         # a dip below zero would stand for a wider v0
@@ -190,10 +190,10 @@ def _solved(H: Array, joint: _Joint, V: Array, prior: Array) -> tuple[Array, Arr
     """(p,) generalised least squares, and deviations by the scatter of the score between stretches of log."""
     # whitened in time order, so that stretches are independent
     root = np.linalg.cholesky(V)
-    rows, left = np.linalg.solve(root, H), np.linalg.solve(root, joint.command)
+    rows, whitened = np.linalg.solve(root, H), np.linalg.solve(root, joint.command)
     posterior = np.linalg.inv(rows.T @ rows + np.diag(prior**-2))
-    value = posterior @ rows.T @ left
+    value = posterior @ rows.T @ whitened
     _, stretch = np.unique(joint.group * 10.0**6 + np.floor(joint.t / LEAST_STRETCH), return_inverse=True)
     scores = np.zeros((stretch.max() + 1, len(value)))
-    np.add.at(scores, stretch, (left - rows @ value)[:, None] * rows)
+    np.add.at(scores, stretch, (whitened - rows @ value)[:, None] * rows)
     return value, np.sqrt(scattered(posterior, prior, scores, 1.0).diagonal())

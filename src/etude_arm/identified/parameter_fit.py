@@ -12,7 +12,7 @@ with s = tanh(l'/v0). Commands act some ms after they are logged: one delay is c
 rates of gravity and of inertial forces pass for friction and armature. v_s and v0 are estimated with all else
 by Gauss and Newton: a shape taken as known makes intervals of Coulomb and viscous friction far too narrow.
 Friction by load and by direction is kept only where the logs show it: the density of the value 0 before the
-logs and after them says by how much (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
+logs and after them gives the evidence (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
 Commands within the dead band make no torque. An encoder at the motor is half the backlash ahead of the link,
 on the side that the force decides; gravity shows where the link is. Both are kept where the logs show them,
 which needs forces against the motion. Where a joint turned round a moment ago the filter has smeared the step
@@ -187,7 +187,7 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
         result = _settled(problem.only(has))
         more = has[:, 0] & (result.fit.extra[:, COULOMB] < 0.0)
         if more.any():
-            # it takes more than all Coulomb friction, so that nothing tells the two apart
+            # the dead band exceeds all Coulomb friction: the data do not separate the two
             nats[:, more] = 0.0
             has[:, 0] &= ~more
             result = _settled(problem.only(has))
@@ -404,7 +404,7 @@ class Problem:
         """(n, J) commands by the fit; as they are logged in samples that it does not use."""
         commands = self.late[0].copy()
         for j, output in enumerate(outputs):
-            nominal = self.late[0][self.used[:, j], j] - output.left
+            nominal = self.late[0][self.used[:, j], j] - output.residual
             commands[self.used[:, j], j] = nominal + output.columns @ np.append(fit.z, fit.extra[j])
         return commands
 
@@ -512,9 +512,9 @@ class Problem:
             )
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
-        left = command - self.rigid[rows, j] @ nominal
+        residual = command - self.rigid[rows, j] @ nominal
         return OutputColumns(
-            np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
+            np.concatenate([rigid, drive[rows]], axis=1), residual, deviations, model.deviation[j], clock
         )
 
 
@@ -552,15 +552,17 @@ def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
 def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
     """(stretches, r + J E): the gradients of the log likelihood, of stretches of all commands together."""
     r, width = len(fit.z), fit.extra.shape[1]
-    lefts = [o.left - o.columns @ np.append(fit.z, e) for o, e in zip(outputs, fit.extra, strict=True)]
-    memory = max(o.clock.correlation_time(left) for o, left in zip(outputs, lefts, strict=True))
+    residuals = [
+        o.residual - o.columns @ np.append(fit.z, e) for o, e in zip(outputs, fit.extra, strict=True)
+    ]
+    memory = max(o.clock.correlation_time(residual) for o, residual in zip(outputs, residuals, strict=True))
     stretch = max(LEAST_STRETCH, STRETCHES * memory)
     # more stretches than any log has
     places = [o.clock.group * 10.0**6 + np.floor(o.clock.t / stretch) for o in outputs]
     stretches = np.unique(np.concatenate(places))
     scores = np.zeros((len(stretches), r + len(outputs) * width))
-    for j, (o, left, place) in enumerate(zip(outputs, lefts, places, strict=True)):
-        gradients = fit.weight[j] / fit.noise[j] ** 2 * left[:, None] * o.columns
+    for j, (o, residual, place) in enumerate(zip(outputs, residuals, places, strict=True)):
+        gradients = fit.weight[j] / fit.noise[j] ** 2 * residual[:, None] * o.columns
         row = np.searchsorted(stretches, place)
         np.add.at(scores[:, :r], row, gradients[:, :r])
         np.add.at(scores[:, r + j * width : r + (j + 1) * width], row, gradients[:, r:])

@@ -207,28 +207,28 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whol
     """Checks that every shape, called "link#k", has a pose of its link's shapes, and that no required shape
     is missing.
     """
-    left: dict[str, list[Place]] = {link: list(places) for link, places in expected.shapes.items()}
+    unmatched: dict[str, list[Place]] = {link: list(places) for link, places in expected.shapes.items()}
     matched: set[int] = set()
     for g in range(model.ngeom):
         link, numbered, _ = str(model.geom(g).name).rpartition("#")
-        if not numbered or link not in left:
+        if not numbered or link not in unmatched:
             continue
         geom = _place(model, data, g)
-        same = [place for place in left[link] if _alike(place, geom)]
+        same = [place for place in unmatched[link] if _alike(place, geom)]
         if same:
             best = min(same, key=lambda place: not place.needed)
             if geom.kind == "mesh":  # a bent mesh has several hulls at one pose
                 matched.add(id(best))
             else:
-                left[link].remove(best)
+                unmatched[link].remove(best)
         elif geom.kind != GUESSED or all(place.kind != "mesh" for place in expected.shapes[link]):
             centre = _text(geom.centre)
             yield f"a {geom.kind} of '{link}' stands at {centre} m, where the description has none"
     if whole:
-        for link, places in left.items():
-            gone = [place for place in places if place.needed and id(place) not in matched]
-            if gone:
-                yield f"a {gone[0].kind} of '{link}' is missing, at {_text(gone[0].centre)} m"
+        for link, places in unmatched.items():
+            missing = [place for place in places if place.needed and id(place) not in matched]
+            if missing:
+                yield f"a {missing[0].kind} of '{link}' is missing, at {_text(missing[0].centre)} m"
 
 
 def _place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Place:

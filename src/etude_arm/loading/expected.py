@@ -190,17 +190,17 @@ def _placed(
     children = {_end(joint, "child") for joint in joints}
     roots = {_end(joint, "parent") for joint in joints} - children
     pose, moved = dict.fromkeys(roots, base), dict.fromkeys(roots, -1)
-    left = list(joints)
-    while left:
+    remaining = list(joints)
+    while remaining:
         after = []
-        for joint in left:
+        for joint in remaining:
             carrier, link, name = _end(joint, "parent"), _end(joint, "child"), joint.get("name", "")
             if carrier not in pose:
                 after.append(joint)
                 continue
             pose[link] = pose[carrier] @ _origin(joint) @ _motion(joint, values.get(name, 0.0))
             moved[link] = chosen.get(name, moved[carrier])
-        left = after
+        remaining = after
     return _Links(pose, moved)
 
 
@@ -273,9 +273,8 @@ def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Arr
             moments[i, j] = moments[j, i] = _numbers(element, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
         low, middle, high = np.linalg.eigvalsh(moments)
         if low < SMALLEST or high > low + middle:
-            moments = np.full(
-                (3, 3), np.nan
-            )  # an impossible inertia: `inertia` replaces it, and a note says so
+            # an impossible inertia: `inertia` replaces it, and a note names the body
+            moments = np.full((3, 3), np.nan)
         parts += _weighing(links, name, mass, _origin(inertial), moments)
     return parts
 

@@ -29,14 +29,14 @@ SHOWN = 5
 """Largest number of names in a sentence."""
 
 
-_known: dict[str, bool] = {}
+_cached: dict[str, bool] = {}
 
 
 def alike(spec: ArmSpec) -> bool:
     """Whether most moving parts of the robot's model file share one inertia; no mesh is read."""
     if spec.model_file is None or not spec.model_file.is_file():
         return False
-    return of_file(_known, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
+    return of_file(_cached, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
 
 
 def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
@@ -45,7 +45,7 @@ def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
     return model, [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
 
 
-def made_up(loaded: Loaded) -> tuple[str, ...]:
+def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     """A sentence on placeholder inertias of the moving parts; () if there are none."""
     model, parts = _parts(loaded)
     same, large = _alike(model, parts), _large(model, parts)

@@ -189,9 +189,9 @@ def _selected(moving: Sequence[Moving], patterns: Sequence[str], where: str) -> 
     names = [joint.name for joint in moving]
     chosen: list[str] = []
     for word in patterns:
-        meant = [name for name in names if name == word] or [n for n in names if fnmatchcase(n, word)]
-        chosen += [name for name in meant if name not in chosen]
-        _require_joints([] if meant else [word], names, where)
+        matches = [name for name in names if name == word] or [n for n in names if fnmatchcase(n, word)]
+        chosen += [name for name in matches if name not in chosen]
+        _require_joints([] if matches else [word], names, where)
     for name in chosen:
         if leader := _leader(moving, name):
             raise UsageError(
@@ -249,14 +249,14 @@ def _without_fingers(moving: Sequence[Moving]) -> list[Moving]:
     """Independent joints without fingers and without joints that fingers carry. A single finger alone is the
     arm.
     """
-    left: list[Moving] = []
+    independent: list[Moving] = []
     dropped: set[str] = set()
     for joint in moving:
         if joint.leader or joint.before in dropped or FINGER.search(joint.name):
             dropped.add(joint.name)
         else:
-            left.append(joint)
-    return left or [joint for joint in moving if not joint.leader]
+            independent.append(joint)
+    return independent or [joint for joint in moving if not joint.leader]
 
 
 def _next(

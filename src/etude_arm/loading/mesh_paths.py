@@ -85,9 +85,9 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
     """
     visited: set[Path] = set()
     folders: list[Path] = []
-    left = [root]
-    while left:
-        folder = left.pop(0)
+    pending = [root]
+    while pending:
+        folder = pending.pop(0)
         real = folder.resolve()
         if real in visited:
             continue
@@ -100,7 +100,7 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
         for one in children:
             built = one.name in (*BUILT, *INSTALLED) and (SOURCES in names or _ignored(one))
             if (installed and one.name in INSTALLED) or (not built and not _ignored(one)):
-                left.append(one)
+                pending.append(one)
     return tuple(folders[1:])
 
 

@@ -234,11 +234,11 @@ def load_mjcf(
     model = compilation.model
     choice = chosen_in(model, patterns, positions, str(path))
     new = written(model, choice, drives, added)
-    loose = "".join(f" although '{name}' leaves it free" for name in _floating(model))
+    exception = "".join(f" although '{name}' leaves it free" for name in _floating(model))
     lost = [f"the shape of {what}: its mesh is missing" for what in compilation.shapeless]
     bodies = [body for _, body in _lying(model)]
     stays = [f"'{body}' lies free and is taken to stay where the file puts it" for body in bodies]
-    base = f"the base is taken to be fixed{loose}"
+    base = f"the base is taken to be fixed{exception}"
     unverified = (
         base,
         *stays,
@@ -289,8 +289,8 @@ def chosen_in(
 def _floating(model: mujoco.MjModel) -> list[str]:
     """Names of ball joints, and of free joints of bodies that carry a hinge or a slide."""
     lying = {joint for joint, _ in _lying(model)}
-    loose = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] not in (HINGE, SLIDE)]
-    return [name for name in loose if name not in lying]
+    names = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] not in (HINGE, SLIDE)]
+    return [name for name in names if name not in lying]
 
 
 def _lying(model: mujoco.MjModel) -> list[tuple[str, str]]:

@@ -41,25 +41,25 @@ def compiled(path: Path) -> Compiled:
     """
     import mujoco
 
-    gone: list[str] = []
+    missing: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        shapeless, gone = _without_pictures(spec, path)
+        shapeless, missing = _without_pictures(spec, path)
         named = name_joints(spec)
-        notes = [_missing(gone)] if gone else []
+        notes = [_missing(missing)] if missing else []
         notes += (
             [f"Joints without a name are called after their bodies: {', '.join(named)}."] if named else []
         )
         return Compiled(spec.compile(), tuple(shapeless), tuple(notes))
     except ValueError as problem:
         error = refused(problem, str(path))
-        if not gone:
+        if not missing:
             raise error from None
-        raise UsageError(error.fact, where=str(path), next_step=_missing(gone)) from None
+        raise UsageError(error.fact, where=str(path), next_step=_missing(missing)) from None
 
 
-def _missing(gone: list[str]) -> str:
-    few = f"{', '.join(gone[:5])}{' and others' if len(gone) > 5 else ''}"
+def _missing(files: list[str]) -> str:
+    few = f"{', '.join(files[:5])}{' and others' if len(files) > 5 else ''}"
     return f"Meshes are missing: {few}. They belong where the file's meshdir says."
 
 
@@ -72,11 +72,13 @@ def _without_pictures(spec: Any, path: Path) -> tuple[list[str], list[str]]:
         material.textures = [""] * len(material.textures)
     for texture in list(spec.textures):
         spec.delete(texture)
-    gone = {m.name or Path(m.file).stem: m for m in spec.meshes if m.file and not _there(spec, path, m.file)}
-    files = [str(mesh.file) for mesh in gone.values()]
-    lost = [geom for geom in spec.geoms if geom.meshname in gone or geom.hfieldname]
+    missing = {
+        m.name or Path(m.file).stem: m for m in spec.meshes if m.file and not _there(spec, path, m.file)
+    }
+    files = [str(mesh.file) for mesh in missing.values()]
+    lost = [geom for geom in spec.geoms if geom.meshname in missing or geom.hfieldname]
     bodies = list(dict.fromkeys(f"body '{geom.parent.name}'" for geom in lost))
-    for item in [*lost, *gone.values(), *spec.hfields]:
+    for item in [*lost, *missing.values(), *spec.hfields]:
         spec.delete(item)
     return bodies, files
 

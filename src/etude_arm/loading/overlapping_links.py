@@ -22,11 +22,11 @@ REACH = 1.0
 
 OVERLAP_SHARE = 0.5
 """Share of poses from which a pair restricts motions strongly."""
-Crowds = Mapping[tuple[str, str], float]
+Overlaps = Mapping[tuple[str, str], float]
 """Pairs of links -> share of poses in which their shapes overlap."""
 
 
-def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
+def overlaps_of(loaded: Loaded, lower: Array, upper: Array) -> Overlaps:
     """Pairs whose shapes overlap in some of POSES even poses within the limits (J,).
 
     Shapes of one moving part, and of neighbours across one joint, are not compared.
@@ -50,21 +50,21 @@ def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
     return overlaps
 
 
-def links_that_overlap(overlaps: Crowds) -> set[str]:
+def links_that_overlap(overlaps: Overlaps) -> set[str]:
     """Links of pairs that overlap in more than OFTEN of the poses."""
     return {link for pair, share in overlaps.items() if share > OFTEN for link in pair}
 
 
-def hemmed_in(overlaps: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
+def overlap_sentences(overlaps: Overlaps, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
     """A sentence on pairs that overlap in more than MOST of the poses and are still checked."""
-    left = {
+    shares = {
         pair: share
         for pair, share in overlaps.items()
         if share > OVERLAP_SHARE and not {pair, pair[::-1]} & set(ignored)
     }
-    if not left:
+    if not shares:
         return ()
-    text = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in left.items())
+    text = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in shares.items())
     return (
         f"Shapes overlap in most poses, which leaves motions little room: {text}. If these links do not "
         "meet on the robot, their shapes are too large or out of place in the model file: correct them, or "

@@ -90,12 +90,12 @@ class _Meshes:
             self.missing.append(name)
             return ""
         scale = scale_of(mesh, f"{self.model}, link '{link}'")
-        made = self._hull(path, scale)
-        if not made:
+        vertices = self._hull(path, scale)
+        if not vertices:
             self.empty.append(name)
             return ""
         asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
-        self.assets[asset] = made
+        self.assets[asset] = vertices
         return asset
 
     def _hull(self, path: Path, scale: Array) -> bytes:
@@ -374,8 +374,8 @@ def chosen_of(tree: UrdfTree, patterns: Sequence[str] | None, positions: Mapping
 
 
 def _base(tree: UrdfTree) -> tuple[str, ...]:
-    loose = "".join(f" although '{name}' is floating or planar" for name in tree.floating())
-    return (f"the base '{tree.root}' is taken to be fixed{loose}",)
+    exception = "".join(f" although '{name}' is floating or planar" for name in tree.floating())
+    return (f"the base '{tree.root}' is taken to be fixed{exception}",)
 
 
 def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> ET.Element:

@@ -203,9 +203,9 @@ def _check_leaders(joints: Mapping[str, ET.Element], where: str) -> None:
         while (mimic := joints[at].find("mimic")) is not None:
             at = mimic.get("joint", "")
             if at not in joints or at in chain:
-                gone = f"joint '{at}', which is not there" if at not in joints else "itself"
+                leader = f"joint '{at}', which is not there" if at not in joints else "itself"
                 raise UsageError(
-                    f"joint '{name}' follows {gone} (<mimic>)",
+                    f"joint '{name}' follows {leader} (<mimic>)",
                     where=where,
                     next_step="Correct <mimic>, or take it out if the joint moves by itself.",
                 )

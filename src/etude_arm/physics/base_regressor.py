@@ -120,8 +120,8 @@ def base_regressors(
 ) -> tuple[BaseRegressor, ...]:
     """One regressor per output, scaled by the prior deviations of identification."""
     motion = MotionRegressor(tree, drives, friction_velocity)
-    made = []
+    regressors = []
     for j, prior in enumerate(output_priors(spec, tree, drives, friction_velocity)):
         rigid = prior.gain * np.column_stack([prior.nominal, prior.directions])
-        made.append(BaseRegressor(motion, j, rigid, prior.extra))
-    return tuple(made)
+        regressors.append(BaseRegressor(motion, j, rigid, prior.extra))
+    return tuple(regressors)

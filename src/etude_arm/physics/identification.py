@@ -117,10 +117,10 @@ def _with_shared(
         deviations[-1] = min(deviations[-1], OFFSET * prior.command)
         size = model.deviation[j] if ripple else WAVE * prior.command
         deviations = np.append(deviations, np.full(extra.shape[2] - E, size))
-        left = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
+        residual = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
         columns = np.concatenate([rigid[rows, j] @ directions, extra[rows, j]], axis=1)
         clock = Clock(samples.t[rows], samples.group[rows])
-        outputs.append(OutputColumns(columns, left, deviations, model.deviation[j], clock))
+        outputs.append(OutputColumns(columns, residual, deviations, model.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
     fit = shared_fit(outputs, directions.shape[1], limits)
     if ripple:
@@ -165,13 +165,15 @@ class Clock:
     group: Index
     known: dict[int, tuple[Mask, float]] = field(default_factory=dict, repr=False)
 
-    def information(self, left: Array | None = None) -> float:
+    def information(self, residual: Array | None = None) -> float:
         """Weight of one sample against the prior: samples within the correlation time count as one.
 
         Args:
-            left: (n,) residual of a command. None: not known yet.
+            residual: (n,) residual of a command. None: not known yet.
         """
-        time = LEAST_CORRELATION if left is None else max(self.correlation_time(left), LEAST_CORRELATION)
+        time = (
+            LEAST_CORRELATION if residual is None else max(self.correlation_time(residual), LEAST_CORRELATION)
+        )
         # a residual correlated over more than 1000 samples is an offset, not less information
         return float(np.clip(self.step / time, 1e-3, 1.0))
 
@@ -181,16 +183,16 @@ class Clock:
         steps = np.diff(self.t)[np.diff(self.group) == 0]
         return float(np.median(steps)) if len(steps) else LEAST_CORRELATION
 
-    def correlation_time(self, left: Array) -> float:
+    def correlation_time(self, residual: Array) -> float:
         """Integrated autocorrelation time of a residual (n,), in s.
 
         (1 + 2 rho_1 + 2 rho_2 + ..) steps, up to the first rho that is not positive (Geyer, Stat. Sci. 7,
         1992). Errors of the model, such as cogging, are correlated longer than noise.
         """
-        power, total = float(np.mean(left**2)), 1.0
-        for lag in range(1, len(left)):
+        power, total = float(np.mean(residual**2)), 1.0
+        for lag in range(1, len(residual)):
             near, count = self._near(lag)
-            product = float(np.sum((left[lag:] * left[:-lag])[near]))
+            product = float(np.sum((residual[lag:] * residual[:-lag])[near]))
             if product <= 0.0:
                 break
             total += 2.0 * product / (count * power)
@@ -420,9 +422,9 @@ class Moments:
             z = rotated / (eigenvalues + noise)
             determined = float(np.sum(eigenvalues / (eigenvalues + noise)))
             freedom = max(self.count - determined, 1.0)
-            left = self.power - 2.0 * float(z @ rotated) + float(z @ (eigenvalues * z))
+            squared_residual = self.power - 2.0 * float(z @ rotated) + float(z @ (eigenvalues * z))
             # no drive repeats better than the lower bound; above the upper one the law is wrong
-            noise = float(np.clip(left / freedom, (1e-4 * command) ** 2, (0.1 * command) ** 2))
+            noise = float(np.clip(squared_residual / freedom, (1e-4 * command) ** 2, (0.1 * command) ** 2))
         variance = (vectors**2) @ (noise / (eigenvalues + noise))
         return deviations * (vectors @ z), deviations * np.sqrt(variance), float(np.sqrt(noise))
 
@@ -439,14 +441,14 @@ class OutputColumns:
 
     Attributes:
         columns: (n, r + E) regressors of the rigid body along the directions D, and of the drive.
-        left: (n,) command minus the torque of phi_0.
+        residual: (n,) command minus the torque of phi_0.
         deviations: (E,) prior deviations of the drive's terms.
         noise: initial deviation, command units.
         clock: of the samples.
     """
 
     columns: Array
-    left: Array
+    residual: Array
     deviations: Array
     noise: float
     clock: Clock
@@ -477,15 +479,17 @@ def shared_fit(outputs: Sequence[OutputColumns], r: int, limits: Array) -> Share
     Args:
         r: directions of the rigid body. limits: (J,) command limits.
     """
-    grams = [(o.columns.T @ o.columns, o.columns.T @ o.left) for o in outputs]
+    grams = [(o.columns.T @ o.columns, o.columns.T @ o.residual) for o in outputs]
     noise, weight = np.array([o.noise for o in outputs]), np.array([o.clock.information() for o in outputs])
     for _ in range(NOISE_ROUNDS):
         x, covariance = _solved(grams, outputs, weight / noise**2, r)
         extra = x[r:].reshape(len(outputs), -1)
-        left = [o.left - o.columns @ np.append(x[:r], e) for o, e in zip(outputs, extra, strict=True)]
-        noise = np.array([np.sqrt(np.mean(one**2)) for one in left])
+        residuals = [
+            o.residual - o.columns @ np.append(x[:r], e) for o, e in zip(outputs, extra, strict=True)
+        ]
+        noise = np.array([np.sqrt(np.mean(one**2)) for one in residuals])
         noise = np.clip(noise, LEAST_NOISE * limits, MOST_NOISE * limits)
-        weight = np.array([o.clock.information(one) for o, one in zip(outputs, left, strict=True)])
+        weight = np.array([o.clock.information(one) for o, one in zip(outputs, residuals, strict=True)])
     return SharedFit(x[:r], extra, noise, weight, covariance)
 
 

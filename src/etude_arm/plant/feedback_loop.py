@@ -193,7 +193,7 @@ class Following(ABC):
         return motion
 
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
-        """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log knows it.
+        """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log has it.
 
         Units: deg; m if all joints slide; % of each joint's range if some do, since a mean over m and deg is
         meaningless.
@@ -226,12 +226,12 @@ class Following(ABC):
             UsageError: another change, or an impossible one.
         """
         joints = {f"{SENSOR}{name}": place for place, name in enumerate(self.spec.names)}
-        made, sensor = self, self._sensor()
+        robot, sensor = self, self._sensor()
         for name, value in what.items():
             if name in joints:
                 sensor[joints[name]] += value
             elif name in CHANGES:
-                made = made.altered(name, value)
+                robot = robot.altered(name, value)
             else:
                 raise UsageError(
                     f"a simulated arm has no '{name}' to change",
@@ -239,7 +239,7 @@ class Following(ABC):
                 )
         if not np.isfinite(sensor).all():
             raise UsageError("a sensor's offset must be a finite number")
-        return replace(made, sensor=tuple(sensor.tolist()))  # type: ignore[type-var]
+        return replace(robot, sensor=tuple(sensor.tolist()))  # type: ignore[type-var]
 
     def _sensor(self) -> Array:
         return np.array(self.sensor or (0.0,) * self.spec.dof)

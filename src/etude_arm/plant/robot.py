@@ -80,8 +80,8 @@ class ArmRobot(Following):
         return self.parameters.controller.encoder_noise
 
     def altered(self, name: str, value: float) -> ArmRobot:
-        made = {"payload": with_payload, "friction": with_friction}[name](self.parameters, value)
-        return replace(self, parameters=made)
+        parameters = {"payload": with_payload, "friction": with_friction}[name](self.parameters, value)
+        return replace(self, parameters=parameters)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
         from etude_arm.plant.compiled import inverse

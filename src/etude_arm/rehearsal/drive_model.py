@@ -30,7 +30,7 @@ FRICTION_ALONE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class RunParameters:
     """The parameters of a simulated run.
 
     Attributes:
@@ -74,7 +74,7 @@ class Made:
         return body
 
 
-def _drive(body: Any, made: Made) -> None:
+def _drive(body: Any, parameters: RunParameters) -> None:
     """Adds the drives and their friction.
 
     Each joint has one control, a torque; with the servo inside, it has position, speed and torque of a `pid`.
@@ -83,7 +83,7 @@ def _drive(body: Any, made: Made) -> None:
     """
     import mujoco
 
-    spec, loop, motors = made.spec, made.loop, made.motors
+    spec, loop, motors = parameters.spec, parameters.loop, parameters.motors
     body.option.timestep = loop.timestep
     for j, name in enumerate(spec.names):
         joint = body.joint(name)
@@ -129,35 +129,35 @@ STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 class RehearsedRun:
     """A run step by step (implements `plant.trace.Running`), from rest at q (J,)."""
 
-    def __init__(self, made: Made, q: Array) -> None:
-        self._made, self._model = made, made.driven
+    def __init__(self, parameters: RunParameters, q: Array) -> None:
+        self._parameters, self._model = parameters, parameters.driven
         self._data = mujoco.MjData(self._model)
-        self._dofs = rows(self._model, made.spec)
+        self._dofs = rows(self._model, parameters.spec)
         self._data.qpos[self._dofs] = q
         self._waiting: Array | None = None  # controls sent and not yet felt, one physics step a row
         self._before: Array | None = None
-        self._rate = np.zeros(made.spec.dof)
+        self._rate = np.zeros(parameters.spec.dof)
 
-    def change(self, parameters: Made) -> None:
+    def change(self, parameters: RunParameters) -> None:
         """From the next tick on the physics are those of the other robot; positions, speeds and bristles
         stay.
         """
         before = self._data
-        self._made, self._model = parameters, parameters.driven
+        self._parameters, self._model = parameters, parameters.driven
         self._data = mujoco.MjData(self._model)
         for name in ("time", "qpos", "qvel", "act"):
             setattr(self._data, name, getattr(before, name))
 
     def advance(self, inputs: LoopInputs) -> Trace:
         """Continues over the ticks of `inputs`."""
-        if self._made.loop.loop == "inside":
+        if self._parameters.loop.loop == "inside":
             return self._inside(inputs)
         return Trace.joined([self._outside(inputs, k) for k in range(len(inputs.q_des))])
 
     def _inside(self, inputs: LoopInputs) -> Trace:
         """Set-points to the drives, which follow them from tick to tick; one rollout."""
         ticks, dof = inputs.q_des.shape
-        set_points = _between(inputs, self._made.loop.timestep)
+        set_points = _between(inputs, self._parameters.loop.timestep)
         controls = self._delayed(np.concatenate(set_points, axis=1))
         start = self._state()
         orders = np.arange(3 * dof).reshape(3, dof).T.ravel()  # MuJoCo's: joint by joint
@@ -168,37 +168,37 @@ class RehearsedRun:
         path = np.concatenate([start[None], states])
         q = path[:, 1 + self._dofs]
         qd = path[:, 1 + self._model.nq + self._dofs]
-        torque = _servo(self._made.motors, controls, q, qd)
-        command = torque.reshape(ticks, inputs.substeps, dof).mean(axis=1) / self._made.motors.gain
+        torque = _servo(self._parameters.motors, controls, q, qd)
+        command = torque.reshape(ticks, inputs.substeps, dof).mean(axis=1) / self._parameters.motors.gain
         true = q[:: inputs.substeps][:ticks]
         return Trace(self._measured(true + inputs.noise), true, command, command - inputs.tau_ff)
 
     def _outside(self, inputs: LoopInputs, k: int) -> Trace:
         """One tick: encoders, feedback, a command that is held."""
-        made, loop = self._made.motors, self._made.loop
+        motors, loop = self._parameters.motors, self._parameters.loop
         true = self._data.qpos[self._dofs].copy()
         q = self._measured(true + inputs.noise[k])
         if self._before is not None:
             share = loop.velocity_filter
-            self._rate = self._rate + share * ((q - self._before) * self._made.spec.rate - self._rate)
+            self._rate = self._rate + share * ((q - self._before) * self._parameters.spec.rate - self._rate)
         self._before = q
-        demand = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
-        feedback = demand / made.gain
-        limit = self._made.spec.command
-        command = np.clip(_whole(feedback + inputs.tau_ff[k], self._made.spec), -limit, limit)
-        held = self._delayed(np.tile(command * made.gain, (inputs.substeps, 1)))
-        for torque, steps in _runs(held):
+        demand = motors.kp * (inputs.q_des[k] - q) + motors.kd * (inputs.qd_des[k] - self._rate)
+        feedback = demand / motors.gain
+        limit = self._parameters.spec.command
+        command = np.clip(_whole(feedback + inputs.tau_ff[k], self._parameters.spec), -limit, limit)
+        torques = self._delayed(np.tile(command * motors.gain, (inputs.substeps, 1)))
+        for torque, steps in _runs(torques):
             self._data.ctrl[: len(torque)] = torque
             mujoco.mj_step(self._model, self._data, nstep=steps)
         return Trace(*(row[None] for row in (q, true, command, feedback)))
 
     def _measured(self, q: Array) -> Array:
-        tick = self._made.motors.tick
+        tick = self._parameters.motors.tick
         return np.asarray(np.rint(q / tick) * tick)
 
     def _delayed(self, sent: Array) -> Array:
         """Delayed controls while `sent` (steps, n) is sent; before the first row, its value was constant."""
-        late = round(self._made.loop.delay / self._made.loop.timestep)
+        late = round(self._parameters.loop.delay / self._parameters.loop.timestep)
         if self._waiting is None:
             self._waiting = np.repeat(sent[:1], late, axis=0)
         both = np.concatenate([self._waiting, sent])
@@ -211,16 +211,16 @@ class RehearsedRun:
         return state
 
 
-def _servo(made: Motors, controls: Array, q: Array, qd: Array) -> Array:
+def _servo(motors: Motors, controls: Array, q: Array, qd: Array) -> Array:
     """(N, J) torque of the drives in each of N steps; q, qd (N + 1, J).
 
     The integrator is implicit: damping acts with the speed at a step's end, but for a torque at its limit.
     """
     position, speed, ahead = np.split(controls, 3, axis=1)
-    undamped = made.kp * (position - q[:-1]) + ahead
-    begun = undamped + made.kd * (speed - qd[:-1])
-    held = np.clip(begun, -made.torque, made.torque)
-    return np.where(held == begun, undamped + made.kd * (speed - qd[1:]), held)
+    undamped = motors.kp * (position - q[:-1]) + ahead
+    explicit = undamped + motors.kd * (speed - qd[:-1])
+    limited = np.clip(explicit, -motors.torque, motors.torque)
+    return np.where(limited == explicit, undamped + motors.kd * (speed - qd[1:]), limited)
 
 
 def _between(inputs: LoopInputs, timestep: float) -> tuple[Array, Array, Array]:

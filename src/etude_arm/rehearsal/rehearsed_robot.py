@@ -13,7 +13,7 @@ from etude.types import Array
 from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.rehearsal.body import bare_body, from_file, stated_of_drives
-from etude_arm.rehearsal.drive_model import Made
+from etude_arm.rehearsal.drive_model import RunParameters
 from etude_arm.rehearsal.motors import Motors, Scales, armature_of, effort, motors_of, scales_of, torque_limit
 from etude_arm.rehearsal.overlay import Simulate
 from etude_arm.spec import FORCES, ArmSpec
@@ -24,13 +24,13 @@ class RehearsedRobot(Following):
     """A robot simulated from its model file and its drives (implements `protocols.Robot`).
 
     Attributes:
-        made: its bodies, loop, drives and payload.
+        parameters: its bodies, loop, drives and payload.
         assumed: one sentence for each assumption, with the figures.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
         sensor: (J,) offset of the logged command, command units; (): none.
     """
 
-    made: Made
+    parameters: RunParameters
     assumed: tuple[str, ...] = ()
     lead_in: float = 2.0
     sensor: tuple[float, ...] = ()
@@ -41,19 +41,19 @@ class RehearsedRobot(Following):
 
     @property
     def spec(self) -> ArmSpec:  # type: ignore[override]
-        return self.made.spec
+        return self.parameters.spec
 
     @property
-    def physics(self) -> Made:
-        return self.made
+    def physics(self) -> RunParameters:
+        return self.parameters
 
     @property
     def substeps(self) -> int:
-        return round(1.0 / (self.spec.rate * self.made.loop.timestep))
+        return round(1.0 / (self.spec.rate * self.parameters.loop.timestep))
 
     @property
     def deviation(self) -> Array:
-        return self.made.loop.encoder_noise * self.made.motors.tick
+        return self.parameters.loop.encoder_noise * self.parameters.motors.tick
 
     def whole(self, inputs: LoopInputs) -> Trace:
         return self.begin(inputs.q_des[0]).advance(inputs)
@@ -61,31 +61,35 @@ class RehearsedRobot(Following):
     def begin(self, q: Array) -> Running:
         from etude_arm.rehearsal.drive_model import RehearsedRun
 
-        return RehearsedRun(self.made, q)
+        return RehearsedRun(self.parameters, q)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
-        made, torque = self.made, self._frictionless(q, qd, qdd)
-        return np.asarray((torque + made.motors.friction(qd, made.loop.friction)) / made.motors.gain)
+        parameters, torque = self.parameters, self._frictionless(q, qd, qdd)
+        return np.asarray(
+            (torque + parameters.motors.friction(qd, parameters.loop.friction)) / parameters.motors.gain
+        )
 
     def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
         """With bristles that deflect and slip along the motion; `inverse` has steady friction instead."""
-        if self.made.loop.friction != "lugre":
+        if self.parameters.loop.friction != "lugre":
             return self.inverse(q, qd, qdd)
         torque = self._frictionless(q, qd, qdd)
-        return np.asarray((torque + self.made.motors.bristles(q, qd)) / self.made.motors.gain)
+        return np.asarray((torque + self.parameters.motors.bristles(q, qd)) / self.parameters.motors.gain)
 
     def _frictionless(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, J) N m of bodies and rotors along the motion."""
         for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
             self.check(name, rows, len(q))
-        return effort(self.made.rigid, self.made.spec, (q, qd, qdd))
+        return effort(self.parameters.rigid, self.parameters.spec, (q, qd, qdd))
 
     def altered(self, name: str, value: float) -> RehearsedRobot:
         if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and name == "payload"))):
             raise UsageError(f"{name} = {value} is not possible", where=self.name)
         if name == "payload":
-            return replace(self, made=replace(self.made, payload=self.made.payload + value))
-        return replace(self, made=replace(self.made, motors=self.made.motors.rougher(value)))
+            return replace(self, parameters=replace(self.parameters, payload=self.parameters.payload + value))
+        return replace(
+            self, parameters=replace(self.parameters, motors=self.parameters.motors.rougher(value))
+        )
 
 
 HARD = 0.95
@@ -205,10 +209,10 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
     torque = torque_limit(spec, stated, light.gravity)
     too_heavy(spec, light.gravity, torque)
     armature = armature_of(spec, stated, light.median, torque)
-    scales = replace(light, felt=scales_of(model, spec, armature).felt)
+    scales = replace(light, apparent=scales_of(model, spec, armature).apparent)
     motors = motors_of(spec, loop, scales, torque, armature)
-    made = Made(spec, loaded, loop, motors)
-    return RehearsedRobot(made, sentences(spec, loop, motors, stated, scales))
+    parameters = RunParameters(spec, loaded, loop, motors)
+    return RehearsedRobot(parameters, sentences(spec, loop, motors, stated, scales))
 
 
 def settled(spec: ArmSpec) -> Simulate:

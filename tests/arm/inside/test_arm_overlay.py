@@ -15,7 +15,7 @@ from etude_arm.robot_file import parse_robot, robot_to_toml
 
 
 def of_turn(robot: RehearsedRobot) -> dict[str, float]:
-    motors = robot.made.motors
+    motors = robot.parameters.motors
     return {name: float(getattr(motors, name)[0]) for name in motors.__dataclass_fields__}
 
 
@@ -48,18 +48,20 @@ def test_gains_carry_the_heaviest_pose(tmp_path: Path) -> None:
     robot = made(tmp_path, LEVER)
     worst = 3.0 * GRAVITY * 0.3  # at q = 0, which random poses in [-2, 2] come near
     assert (
-        0.9 * worst < robot.made.motors.kp[0] * np.deg2rad(1.5) - (1.8 + 0.9 + 1.2 * ABOUT * 2) < 1.2 * worst
+        0.9 * worst
+        < robot.parameters.motors.kp[0] * np.deg2rad(1.5) - (1.8 + 0.9 + 1.2 * ABOUT * 2)
+        < 1.2 * worst
     )
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 250.0])
 def test_outside_the_drives_gains_bow_to_the_rate(tmp_path: Path, rate: float) -> None:
     robot = made(tmp_path, ARM, loop="outside", rate=rate, delay=0.004)
-    motors = robot.made.motors
+    motors = robot.parameters.motors
     assert (motors.kp <= 0.2 * rate * motors.kd * (1 + 1e-12)).all()
     # the telescope feels the others move with it: never more than its own mass
     assert motors.kd[2] <= 0.8 * (1.0 + motors.armature[2]) * rate
-    free = made(tmp_path, ARM).made.motors
+    free = made(tmp_path, ARM).parameters.motors
     heaviest = (free.kd / 1.8) ** 2 / free.kp
     assert np.sqrt(motors.kp / heaviest).max() <= 0.35 / (1.5 / rate + 0.004) * (1 + 1e-9)
 
@@ -82,12 +84,12 @@ def test_currents_and_pwm_are_parts_of_the_files_effort(tmp_path: Path) -> None:
 
 def test_an_effort_that_no_file_states_is_three_times_the_greatest_weight(tmp_path: Path) -> None:
     robot = made(tmp_path, LEVER.replace('effort="60"', 'effort="0"'), unit="A", command=10.0)
-    assert robot.made.motors.torque[0] == pytest.approx(3 * 3.0 * GRAVITY * 0.3, rel=0.01)
+    assert robot.parameters.motors.torque[0] == pytest.approx(3 * 3.0 * GRAVITY * 0.3, rel=0.01)
 
 
 def test_what_the_file_says_of_damping_is_not_counted_twice(tmp_path: Path) -> None:
     robot = made(tmp_path, TABLE)
-    assert robot.made.driven.dof_damping[0] == pytest.approx(0.9)
+    assert robot.parameters.driven.dof_damping[0] == pytest.approx(0.9)
     assert "turn (damping 7, friction 0)" in robot.assumed[-1]
 
 
@@ -100,7 +102,7 @@ def test_one_who_cannot_lift_its_arm_is_refused_with_the_figure(tmp_path: Path) 
 def test_limits_that_take_more_torque_than_there_is_are_said(tmp_path: Path) -> None:
     weak = made(tmp_path, TABLE, command=1.0)
     assert "more torque than they have: turn (" in weak.assumed[-1]
-    assert weak.made.motors.armature[0] == pytest.approx(0.15 * ABOUT)  # a weak motor has a light rotor
+    assert weak.parameters.motors.armature[0] == pytest.approx(0.15 * ABOUT)  # a weak motor has a light rotor
     assert not any("more torque" in s for s in made(tmp_path, TABLE).assumed)
 
 

@@ -19,7 +19,7 @@ FIELDS = ("q", "q_true", "tau", "tau_fb")
 
 
 def energy(robot: RehearsedRobot, q: Array, qd: Array) -> float:
-    model = robot.made.rigid
+    model = robot.parameters.rigid
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q, qd
     mujoco.mj_forward(model, data)
@@ -34,7 +34,7 @@ def test_the_motors_work_is_the_change_of_energy_and_what_friction_takes(
 ) -> None:
     robot = made(tmp_path, ARM, rate=1000.0, friction=friction, motors=(motor("reach", coulomb=5.0),))
     trace = robot.whole(loop_inputs(robot, Waves(3)))
-    step, motors = np.diff(trace.q_true, axis=0), robot.made.motors
+    step, motors = np.diff(trace.q_true, axis=0), robot.parameters.motors
     speed = step / 0.001
     work = np.sum(trace.tau[1:-1] * step[1:])
     gained = energy(robot, trace.q_true[-1], speed[-1]) - energy(robot, trace.q_true[1], speed[0])
@@ -59,16 +59,16 @@ def test_what_hangs_on_a_servo_pulls_it_off_by_its_weight_over_the_gain(tmp_path
     robot = made(tmp_path, LEVER, loop=loop, friction="none")
     trace = robot.whole(still(robot, np.array([0.4]), 3.0, np.zeros(1)))
     weight = 3.0 * GRAVITY * 0.3 * np.cos(trace.q_true[-1])
-    np.testing.assert_allclose(0.4 - trace.q_true[-1], weight / robot.made.motors.kp, rtol=1e-3)
+    np.testing.assert_allclose(0.4 - trace.q_true[-1], weight / robot.parameters.motors.kp, rtol=1e-3)
     np.testing.assert_allclose(trace.tau[-1], weight, rtol=2e-3)
 
 
 def test_friction_may_hold_a_part_of_the_load(tmp_path: Path) -> None:
     robot = made(tmp_path, LEVER)
     trace = robot.whole(still(robot, np.array([0.4]), 3.0, np.zeros(1)))
-    off = abs(0.4 - trace.q_true[-1, 0]) * robot.made.motors.kp[0]
+    off = abs(0.4 - trace.q_true[-1, 0]) * robot.parameters.motors.kp[0]
     weight = 3.0 * GRAVITY * 0.3 * np.cos(0.4)
-    assert weight - robot.made.motors.static[0] <= off <= weight
+    assert weight - robot.parameters.motors.static[0] <= off <= weight
 
 
 @pytest.mark.parametrize("loop", LOOPS)
@@ -92,7 +92,7 @@ def test_the_inverse_of_a_run_gives_its_commands_back(tmp_path: Path) -> None:
     robot = made(tmp_path, ARM, rate=1000.0, friction="none")
     trace = robot.whole(loop_inputs(robot, Waves(3, 2.0)))
     (q, before, bend), after = steps_of(trace)
-    command = robot.inverse(q, before, bend) + robot.made.motors.viscous * (after - before)
+    command = robot.inverse(q, before, bend) + robot.parameters.motors.viscous * (after - before)
     np.testing.assert_allclose(command, trace.tau[1:-1], atol=2e-6 * np.abs(trace.tau).max())
 
 
@@ -101,8 +101,10 @@ def test_the_inverse_along_a_run_knows_its_bristles(tmp_path: Path) -> None:
     robot = made(tmp_path, ARM, rate=1000.0, friction="lugre")
     trace = robot.whole(loop_inputs(robot, Waves(3, 2.0)))
     (q, before, bend), after = steps_of(trace)
-    damped = robot.made.motors.viscous * (after - before)
-    resolved = np.abs(before) * 0.001 < 0.2 * robot.made.motors.coulomb / robot.made.motors.stiffness
+    damped = robot.parameters.motors.viscous * (after - before)
+    resolved = (
+        np.abs(before) * 0.001 < 0.2 * robot.parameters.motors.coulomb / robot.parameters.motors.stiffness
+    )
     resolved[:100] = False
     left = [
         np.abs(inverse(q, before, bend) + damped - trace.tau[1:-1])
@@ -120,7 +122,7 @@ def test_one_rollout_is_a_loop_over_steps(tmp_path: Path) -> None:
     """The drives' servo, written here a second time, step by step, around a bare torque."""
     inside = made(tmp_path, ARM, friction="lugre")
     inputs = loop_inputs(inside, Waves(3, 2.0))
-    trace, model = inside.whole(inputs), inside.made.driven
+    trace, model = inside.whole(inputs), inside.parameters.driven
     data = mujoco.MjData(model)
     data.qpos[:] = inputs.q_des[0]
     true = []
@@ -212,7 +214,7 @@ def test_an_encoder_without_noise_is_half_a_tick_off_at_most(tmp_path: Path) -> 
 
 
 def test_slow_sliding_rubs_up_to_static_friction(tmp_path: Path) -> None:
-    motors = made(tmp_path, TABLE).made.motors  # Coulomb 1.8, static 2.34, Stribeck 0.02, viscous 0.9
+    motors = made(tmp_path, TABLE).parameters.motors  # Coulomb 1.8, static 2.34, Stribeck 0.02, viscous 0.9
     rub = motors.friction(np.array([[0.0], [0.02], [-1e-9]]), "lugre")
     np.testing.assert_allclose(rub, [[0.0], [1.8 + 0.54 / np.e + 0.018], [-2.34]], atol=1e-8)
 
@@ -228,14 +230,14 @@ def test_sliding_steadily_costs_coulomb_and_viscous_friction(
     trace = robot.whole(LoopInputs(q, qd, 0 * q, 0 * q, robot.substeps, 0 * q))
     viscous = 0.03 * 60.0 / 2.0  # of the torque limit over the speed limit
     np.testing.assert_allclose(trace.tau[150:], level + 0.8 * viscous, rtol=1e-3)
-    expected = robot.made.motors.friction(np.array([[0.8]]), friction)
+    expected = robot.parameters.motors.friction(np.array([[0.8]]), friction)
     np.testing.assert_allclose(expected, level + 0.8 * viscous, rtol=1e-9)
 
 
 def test_below_its_breakaway_lugre_friction_is_a_spring(tmp_path: Path) -> None:
     """dz = (1 - sigma_0 z / g) dx along a slow push F = sigma_0 z gives x = -(g / sigma_0) ln(1 - F / g)."""
     robot = made(tmp_path, TABLE, motors=(motor("turn", kp=1e-9, kd=0.0),))
-    motors = robot.made.motors
+    motors = robot.parameters.motors
     inputs = still(robot, np.zeros(1), 6.0, np.zeros(1))
     push = np.linspace(0.0, 1.0, 600)[:, None] * motors.coulomb
     slow = LoopInputs(inputs.q_des, inputs.qd_des, push, inputs.noise, inputs.substeps)
@@ -263,10 +265,10 @@ def test_with_its_exact_inverse_it_follows_where_feedback_alone_lags(tmp_path: P
 
 def test_volts_come_short_at_speed_and_pwm_is_whole(tmp_path: Path) -> None:
     robot = made(tmp_path, TABLE, unit="pwm", command=255.0, motors=(motor("turn", no_load=5.0, coulomb=0),))
-    motors = robot.made.motors
-    assert robot.made.loop.loop == "outside"
+    motors = robot.parameters.motors
+    assert robot.parameters.loop.loop == "outside"
     assert motors.torque[0] == 60.0  # the effort in the file
-    assert robot.made.driven.dof_damping[0] == pytest.approx(motors.viscous[0] + 60.0 / 5.0)
+    assert robot.parameters.driven.dof_damping[0] == pytest.approx(motors.viscous[0] + 60.0 / 5.0)
     qd = np.array([[2.0]])
     need = robot.inverse(0 * qd, qd, 0 * qd)[0, 0] * 60.0 / 255.0
     assert need == pytest.approx((60.0 / 5.0 + motors.viscous[0]) * 2.0)
@@ -281,7 +283,7 @@ def test_a_torque_limit_holds_for_the_command_alone(tmp_path: Path) -> None:
     np.testing.assert_allclose(trace.tau, 5.0)
     # so the table speeds up by what friction leaves
     speed = np.diff(trace.q_true[:, 0]) * 100.0
-    about = ABOUT + robot.made.motors.armature[0]
+    about = ABOUT + robot.parameters.motors.armature[0]
     assert 2.5 / about < (speed[1] - speed[0]) * 100.0 < 5.0 / about
 
 

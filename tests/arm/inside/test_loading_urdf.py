@@ -15,7 +15,7 @@ from etude_arm import KIND
 from etude_arm.loading.inertia import SMALLEST, possible
 from etude_arm.loading.load import load
 from etude_arm.loading.loaded_model import Loaded
-from etude_arm.loading.overlapping_links import crowds, hemmed_in, links_that_overlap
+from etude_arm.loading.overlapping_links import links_that_overlap, overlap_sentences, overlaps_of
 from etude_arm.loading.pack import packed
 from etude_arm.loading.rotations import angles_of, turn_of
 
@@ -274,14 +274,14 @@ def test_links_are_crowded_where_shapes_of_distant_parts_overlap(urdf: Path) -> 
     loaded = load(urdf)
     # the third begins beside the end of the first: it lies on it if both turn by the same half turn
     folded = np.array([0.0, 0.0, np.pi - 0.05]), np.array([1.0, 0.0, np.pi + 0.05])
-    assert links_that_overlap(crowds(loaded, *folded)) == {"one", "three"}
-    assert crowds(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == {}
-    (said,) = hemmed_in(crowds(loaded, *folded), ())
+    assert links_that_overlap(overlaps_of(loaded, *folded)) == {"one", "three"}
+    assert overlaps_of(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == {}
+    (said,) = overlap_sentences(overlaps_of(loaded, *folded), ())
     assert "one and three in 100%" in said
-    assert hemmed_in(crowds(loaded, *folded), [("three", "one")]) == ()
+    assert overlap_sentences(overlaps_of(loaded, *folded), [("three", "one")]) == ()
     seldom = np.array([0.0, 0.0, 2.2]), np.array([1.0, 0.0, np.pi + 0.05])
-    assert links_that_overlap(crowds(loaded, *seldom)) == {"one", "three"}
-    assert hemmed_in(crowds(loaded, *seldom), ()) == ()
+    assert links_that_overlap(overlaps_of(loaded, *seldom)) == {"one", "three"}
+    assert overlap_sentences(overlaps_of(loaded, *seldom), ()) == ()
 
 
 @pytest.mark.parametrize("limit", ['<limit effort="3"/>', '<limit lower="1" upper="1" effort="3"/>', ""])

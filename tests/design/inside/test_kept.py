@@ -160,3 +160,46 @@ def test_candidates_are_drawn_home_only_while_they_can_win(
     assert [ranked.values[place] for place in best] == every[:2], "as if all had been drawn home"
     assert 2 <= len(asked) < 24, "and not all were"
     assert all(kept.proved(family, ranked.candidates[place].p) for place in best)
+
+
+@dataclass(frozen=True)
+class Reach(Disc):
+    """Positions at most `radius` from `middle`. It remembers the farthest instant and counts full checks."""
+
+    full: list[Trajectory] = field(default_factory=list)
+    worst: list[float] = field(default_factory=list)
+
+    def keeps(self, piece: Trajectory) -> bool:
+        self.full.append(piece)
+        t = np.linspace(0.0, piece.duration, 999)
+        away = self.of_motion(piece.motion(t, 1))[:, 0]
+        if away.max() > self.radius:
+            self.worst[:] = [float(t[away.argmax()] / piece.duration)]
+        return bool(away.max() <= self.radius)
+
+    def fails_again(self, piece: Trajectory) -> bool:
+        at = np.array(self.worst) * piece.duration
+        return bool(np.any(self.of_motion(piece.motion(at, 1)) > self.radius))
+
+
+@dataclass(frozen=True)
+class Forgetful(Reach):
+    """It remembers nothing that fails."""
+
+    def fails_again(self, piece: Trajectory) -> bool:
+        return False
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limit_that_remembers_its_worst_instant_needs_few_full_checks(seed: int) -> None:
+    family, rng = arm_family(), np.random.default_rng(seed)
+    home, at = arm_point(rng, family, 0.0), arm_point(rng, family, 4.0)
+    shrunk, counts = [], []
+    for limit in (Reach(tuple(arm_home()), 0.5), Forgetful(tuple(arm_home()), 0.5)):
+        assert not limit.keeps(family.trajectory(at))
+        limit.full.clear()
+        kept = NonconvexLimits.of([limit], family, at)
+        shrunk.append(kept.shrink_to_home(family, home, at, fast_check=True))
+        counts.append(len(limit.full))
+    np.testing.assert_array_equal(*shrunk)
+    assert counts[0] <= 4 < 12 <= counts[1] <= 18, counts

@@ -22,7 +22,7 @@ from lagrangian_examples import (
 )
 
 from etude.errors import UsageError
-from etude.models import ExactGP, PointMean, kernel_of, kernel_words, structured
+from etude.models import ExactGP, PointMean, kernel_metadata, kernel_of, structured
 from etude.testing import KernelSuite
 from etude_lagrangian import Joints, Lagrangian, gip_lin
 from etude_lagrangian.joints import joints_of
@@ -170,7 +170,7 @@ def test_impossible_joints_are_refused() -> None:
 
 def test_it_is_stored_by_its_words() -> None:
     kernel = gip_lin(COLUMNS, ("lift",))
-    assert kernel_of(kernel_words(kernel)) == kernel
+    assert kernel_of(kernel_metadata(kernel)) == kernel
 
 
 def test_single_points_and_dictionaries_say_the_same() -> None:

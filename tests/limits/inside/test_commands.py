@@ -235,3 +235,35 @@ def test_curves_without_accelerations_are_refused() -> None:
         with pytest.raises(UsageError):
             LIMIT.prove(piece)
     assert math.isfinite(LIMIT.prove(replace(lines, points=np.zeros((3, 2, 2))))[0].proved_upper)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_motion_that_failed_fails_again_at_the_instants_of_its_largest_excess(seed: int) -> None:
+    """Friction needs the direction, so instants alone must not miss it; other scales are judged alike."""
+    rng = np.random.default_rng(seed)
+
+    def deviation(motion: Motion) -> Array:
+        return np.asarray(0.05 + 0.02 * np.abs(motion.orders[0]))
+
+    def both(motion: Motion) -> tuple[Array, Array]:
+        return pendulum(motion), deviation(motion)
+
+    amplitudes = rng.normal(scale=0.5, size=(5, 2))
+    for duration in (7.0, 60.0):  # without a first look and with one
+
+        def scaled(scale: float, duration: float = duration) -> FourierTrajectory:
+            return FourierTrajectory(scale * amplitudes, 0.9, duration)
+
+        ends = np.full(2, 5.0)
+        limit = replace(
+            LIMIT, lower=-ends, upper=ends, deviation=deviation, both=both, _proofs={}, _witness=[]
+        )
+        scales = np.linspace(0.0, 3.0, 31)[1:]
+        assert not limit.fails_again(scaled(3.0)), "nothing has failed yet"
+        kept = np.array([limit.keeps(scaled(scale)) for scale in scales])
+        assert 0 < kept.sum() < len(kept)
+        least = scales[~kept][0]
+        assert not limit.keeps(scaled(least))
+        assert limit.fails_again(scaled(least))
+        for scale, is_kept in zip(scales, kept, strict=True):
+            assert not (is_kept and limit.fails_again(scaled(scale))), "it never refuses what is kept"

@@ -225,7 +225,7 @@ def test_physics_alone_are_what_a_learner_beside_them_is_held_against(model) -> 
     x, _ = whole.inputs.step(planned(3.0), None)
     states = Log(np.zeros(1), CHANNELS, {name: row[None] for name, row in planned(3.0).items()})
     for own in online.commands:
-        assert isinstance(own.candidate.mean.own, LinearMean)
+        assert isinstance(own.candidate.mean.original, LinearMean)
         said = own.base(states)[0] + own.factor * own.frozen(x)
         assert said == pytest.approx(frozen(whole, 3.0)[own.place])
 

@@ -14,8 +14,8 @@ from etude.models import (
     LearnedModel,
     Posteriors,
     SquaredExponential,
+    kernel_metadata,
     kernel_of,
-    kernel_words,
     structured,
 )
 from etude.models.gp.kernels import RestNoise, standing
@@ -60,7 +60,7 @@ def test_a_sample_at_rest_counts_less() -> None:
 def test_the_standing_kernel_adds_memory_to_the_structured_one_and_is_stored() -> None:
     kernel, plain = standing(COLUMNS, ("b",)), structured(COLUMNS, ("b",))
     assert structured(COLUMNS[:8], ("b",)) == plain  # which does not look at it
-    assert kernel_of(kernel_words(kernel)) == kernel
+    assert kernel_of(kernel_metadata(kernel)) == kernel
     assert kernel.size == plain.size + 5
     theta, Z = (
         np.random.default_rng(2).normal(size=kernel.size) * 0.3,

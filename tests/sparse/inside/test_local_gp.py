@@ -11,7 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
-from etude.models import ExactGP, Linear, SquaredExponential, posterior_arrays, posterior_of, posterior_words
+from etude.models import (
+    ExactGP,
+    Linear,
+    SquaredExponential,
+    posterior_arrays,
+    posterior_metadata,
+    posterior_of,
+)
 from etude_sparse import LocalGP
 from etude_sparse.local import OVERFLOW, fitting_reach, kernel_lengths, partition
 
@@ -179,6 +186,6 @@ def test_impossible_input_is_refused_and_leaves_the_models_as_they_were() -> Non
 def test_it_survives_the_disk() -> None:
     posterior, (Z, _) = LOCAL.condition(*data(100)), data(9, 1)
     arrays = {f"a.{name}": array for name, array in posterior_arrays(posterior).items()}
-    again = posterior_of(posterior_words(posterior), arrays, "a.")
+    again = posterior_of(posterior_metadata(posterior), arrays, "a.")
     for ours, theirs in zip(again.predict(Z), posterior.predict(Z), strict=True):
         np.testing.assert_array_equal(ours, theirs)

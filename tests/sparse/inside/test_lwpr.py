@@ -9,7 +9,7 @@ import pytest
 from lwpr_examples import PlainField, cross_in
 
 from etude.errors import DataError, UsageError
-from etude.models import posterior_arrays, posterior_of, posterior_words
+from etude.models import posterior_arrays, posterior_metadata, posterior_of
 from etude_sparse import LWPR
 from etude_sparse.lwpr import fields as fields_module
 from etude_sparse.lwpr import updates
@@ -273,6 +273,6 @@ def test_one_sample_at_a_time_is_the_same_as_many() -> None:
 def test_it_survives_the_disk() -> None:
     posterior, (Z, _) = LWPR().condition(*data(100)), data(9, seed=1)
     arrays = {f"a.{name}": array for name, array in posterior_arrays(posterior).items()}
-    again = posterior_of(posterior_words(posterior), arrays, "a.")
+    again = posterior_of(posterior_metadata(posterior), arrays, "a.")
     for ours, theirs in zip(again.predict(Z), posterior.predict(Z), strict=True):
         np.testing.assert_array_equal(ours, theirs)

@@ -68,16 +68,16 @@ def evidence(z: Array, worth: Array, use: Mask | None = None) -> Array:
     """
     gain = 0.5 * worth * (z**2 * (1.0 - 1.0 / KAPPA2) - np.log(KAPPA2))
     steps = np.where(np.ones_like(z, dtype=bool) if use is None else use, gain, 0.0).sum(axis=1)
-    found, total = np.empty(len(steps)), 0.0
+    cumulative, total = np.empty(len(steps)), 0.0
     for i, step in enumerate(steps.tolist()):
         total = max(0.0, total + step)
-        found[i] = total
-    return found
+        cumulative[i] = total
+    return cumulative
 
 
-def first_alarm(found: Array, alarm: float) -> int | None:
+def first_alarm(cumulative: Array, alarm: float) -> int | None:
     """The first sample at which the evidence is above `alarm`; None if it never is."""
-    above = np.flatnonzero(found > alarm)
+    above = np.flatnonzero(cumulative > alarm)
     return int(above[0]) if len(above) else None
 
 
@@ -96,17 +96,17 @@ def independence(z: Array, freedom: float, t: Array, group: Index, use: Mask) ->
             nothing.
     """
     power = summed = 0.0
-    known = np.isfinite(z) & use
+    finite = np.isfinite(z) & use
     for number in np.unique(group):
         inside = group == number
         block = _blocks(t[inside])
-        for column, own in zip(z[inside].T, known[inside].T, strict=True):
-            squared = scores(column[own], freedom) ** 2
-            rest = squared - squared.mean() if len(squared) else squared
-            sums = np.bincount(block[own], rest, BLOCKS)
-            power += float(rest @ rest) * (1.0 - 1.0 / BLOCKS)  # what centring takes from the sums
+        for column, mask in zip(z[inside].T, finite[inside].T, strict=True):
+            squared = scores(column[mask], freedom) ** 2
+            centred = squared - squared.mean() if len(squared) else squared
+            sums = np.bincount(block[mask], centred, BLOCKS)
+            power += float(centred @ centred) * (1.0 - 1.0 / BLOCKS)  # what centring takes from the sums
             summed += float(sums @ sums)
-    share = known.sum() / max(int(use.sum()), 1)
+    share = finite.sum() / max(int(use.sum()), 1)
     return np.full(z.shape[1], share * min(1.0, power / summed) if summed > 0.0 else 1.0)
 
 

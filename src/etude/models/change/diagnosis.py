@@ -72,14 +72,14 @@ def cause(
         expected: None: no scale and no encoder is looked at.
     """
     left, squares, along = np.zeros(3), np.zeros(use.shape[1]), np.zeros(use.shape[1])
-    for j, own in enumerate(use.T):
-        static, velocity, acceleration = (part[own, j] for part in motion)
+    for j, mask in enumerate(use.T):
+        static, velocity, acceleration = (part[mask, j] for part in motion)
         one = np.ones_like(velocity)
         rub = [np.tanh(velocity / (SLOW * _top(velocity))), velocity]
-        z = error[own, j] / deviation[own, j]
+        z = error[mask, j] / deviation[mask, j]
         models = [one, static, acceleration], rub, [one]
-        left += [_left(z, np.column_stack(columns) / deviation[own, j, None]) for columns in models]
-        squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[own, j]))
+        left += [_left(z, np.column_stack(columns) / deviation[mask, j, None]) for columns in models]
+        squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[mask, j]))
     total = squares.sum()
     load, friction, constant = left / total if total > 0.0 else np.ones(3)
     at_link = (
@@ -109,13 +109,13 @@ def _sensor(
 ) -> tuple[Cause, float]:
     """Which sensor's fault leaves least of the squares, and what it leaves."""
     j, total = int(np.argmax(squares)), float(squares.sum())
-    found: list[tuple[float, Cause]] = [(_encoder(error, deviation, use, expected), "encoder")]
+    faults: list[tuple[float, Cause]] = [(_encoder(error, deviation, use, expected), "encoder")]
     if squares[j] >= ALONE * total:
-        own = use[:, j]
-        scale = (expected.mean[own, j] / deviation[own, j])[:, None]
-        left = _left(error[own, j] / deviation[own, j], scale)
-        found.append((total - float(squares[j]) + left, "gain"))
-    leaves, name = min(found)
+        mask = use[:, j]
+        scale = (expected.mean[mask, j] / deviation[mask, j])[:, None]
+        left = _left(error[mask, j] / deviation[mask, j], scale)
+        faults.append((total - float(squares[j]) + left, "gain"))
+    leaves, name = min(faults)
     return name, leaves
 
 
@@ -188,12 +188,12 @@ def frozen_sensor(samples: Samples) -> tuple[int, int] | None:
     path = samples.log.channels["command"].acts_on
     if not path or path not in samples.log:
         return None
-    found = _first(samples.t, samples.command, samples.moving)
+    frozen = _first(samples.t, samples.command, samples.moving)
     plan = samples.log.get(f"{path}_des")
     if plan is None or plan.shape != samples.command.shape:
-        return found
+        return frozen
     held = _first(samples.t, samples.log[path], np.ones_like(samples.moving), plan)
-    return min((own for own in (found, held) if own is not None), key=lambda own: own[1], default=None)
+    return min((one for one in (frozen, held) if one is not None), key=lambda one: one[1], default=None)
 
 
 def _first(t: Array, values: Array, use: Mask, plan: Array | None = None) -> tuple[int, int] | None:
@@ -275,24 +275,24 @@ def _jackknife(squares: Array, products: Array) -> float:
     """Deviation of sum(products) / sum(squares) by leaving one output out after the other: each has errors of
     its own. 0 of a single one.
     """
-    rest = squares.sum() - squares
-    known = rest > 0.0
-    if known.sum() < 2:
+    others = squares.sum() - squares
+    is_positive = others > 0.0
+    if is_positive.sum() < 2:
         return 0.0
-    without = (products.sum() - products)[known] / rest[known]
-    return float(np.sqrt((known.sum() - 1) * without.var()))
+    without = (products.sum() - products)[is_positive] / others[is_positive]
+    return float(np.sqrt((is_positive.sum() - 1) * without.var()))
 
 
 def _friction(mean: Array, use: Mask, motion: tuple[Array, Array, Array]) -> Array:
     """(n, J) the part of the predicted commands that follows the sign of the velocity and the velocity."""
-    found = np.zeros_like(mean)
-    for j, own in enumerate(use.T):
+    friction = np.zeros_like(mean)
+    for j, mask in enumerate(use.T):
         static, velocity, acceleration = (part[:, j] for part in motion)
-        if not own.any():
+        if not mask.any():
             continue
-        top = max(float(np.abs(velocity[own]).max()), np.finfo(float).tiny)
+        top = max(float(np.abs(velocity[mask]).max()), np.finfo(float).tiny)
         rub = np.column_stack([np.tanh(velocity / (SLOW * top)), velocity])
-        rest = np.column_stack([static, acceleration, np.ones_like(static)])
-        weights = np.linalg.lstsq(np.hstack([rub, rest])[own], mean[own, j], rcond=None)[0]
-        found[:, j] = rub @ weights[:2]
-    return found
+        others = np.column_stack([static, acceleration, np.ones_like(static)])
+        weights = np.linalg.lstsq(np.hstack([rub, others])[mask], mean[mask, j], rcond=None)[0]
+        friction[:, j] = rub @ weights[:2]
+    return friction

@@ -57,10 +57,10 @@ def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None)
     error, deviation = samples.command - mean, np.sqrt(detection_variances(variance, noise))
     use = samples.usable & samples.moving
     z = error / deviation
-    found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
+    cumulative = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
     z2 = float(np.mean(error[use] ** 2 / variance[use])) if use.any() else 0.0
-    at, held = first_alarm(found, ALARM), frozen_sensor(samples)
-    quiet = ChangeTest(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
+    at, held = first_alarm(cumulative, ALARM), frozen_sensor(samples)
+    quiet = ChangeTest(cumulative, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
     if held is not None:
         first = held[1] if at is None else min(at, held[1])
         return replace(quiet, alarm=first, cause="stuck", output=held[0])
@@ -73,9 +73,9 @@ def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None)
         rows = np.unique(np.linspace(0, len(samples) - 1, MOST_ROWS).astype(np.int64))
         static, velocity, acceleration = (part[rows] for part in motion)
         expected = _expected(model, samples.take(rows), mean[rows], body)
-        own = static, velocity, acceleration
-        what = cause(error[rows], deviation[rows], use[rows], own, expected)
-        size = size_of(what, error[rows], deviation[rows], use[rows], own, expected)
+        motion_rows = static, velocity, acceleration
+        what = cause(error[rows], deviation[rows], use[rows], motion_rows, expected)
+        size = size_of(what, error[rows], deviation[rows], use[rows], motion_rows, expected)
     return replace(quiet, cause=what, output=alone(error, deviation, use), size=size)
 
 
@@ -113,8 +113,8 @@ def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array]
 
 def _rate_of(samples: Samples, name: str) -> str:
     """The channel that is the rate of that one; "" if there is none."""
-    found = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
-    return next(found, "")
+    rates = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
+    return next(rates, "")
 
 
 BLOCK_S = 10.0
@@ -146,15 +146,15 @@ def drift_onset(sizes: Sequence[Array]) -> DriftOnset:
 def block_sizes(t: Array, z: Array) -> Array:
     """(B,) root mean squares of z (n, J), NaN where it says nothing, in blocks of `BLOCK_S` of t (n,) s."""
     finite = np.isfinite(z)
-    known = finite.any(axis=1)
+    has_values = finite.any(axis=1)
     squares = np.where(finite, z, 0.0) ** 2
     mean = squares.sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
-    block = ((t - t[0]) / BLOCK_S).astype(np.int64)[known] if len(t) else np.zeros(0, dtype=np.int64)
-    return np.array([np.sqrt(mean[known][block == b].mean()) for b in np.unique(block)])
+    block = ((t - t[0]) / BLOCK_S).astype(np.int64)[has_values] if len(t) else np.zeros(0, dtype=np.int64)
+    return np.array([np.sqrt(mean[has_values][block == b].mean()) for b in np.unique(block)])
 
 
 def _left(r: Array, feature: Array, *, rising: bool = False) -> float:
     """Squares of r (n,) about a constant and so much of the feature; infinite where that falls."""
     columns = np.column_stack([np.ones_like(r), feature])
-    found = np.linalg.lstsq(columns, r, rcond=None)[0]
-    return np.inf if rising and found[1] <= 0.0 else float(np.sum((r - columns @ found) ** 2))
+    weights = np.linalg.lstsq(columns, r, rcond=None)[0]
+    return np.inf if rising and weights[1] <= 0.0 else float(np.sum((r - columns @ weights) ** 2))

@@ -95,16 +95,16 @@ def apparent_loads(
         without: by number of a group of the samples what physics without it say of all (n, J).
         samples: of the logs that the model was learned from, none of which carried anything.
     """
-    found, worth = [], np.minimum(model.worth(), 1.0)
+    loads, worth = [], np.minimum(model.worth(), 1.0)
     for number, mean in without.items():
-        own = samples.group == number
-        one = samples.take(own)
-        error = one.command - mean[own]
+        in_log = samples.group == number
+        one = samples.take(in_log)
+        error = one.command - mean[in_log]
         size = np.sqrt(np.mean(error**2, axis=0, where=one.usable & one.moving))
         if np.isfinite(size).all() and (size > 0.0).all():
             deviation = np.broadcast_to(size, error.shape)
-            found.append(_regressed(error, deviation, size, worth, one, body)[0][:10])
-    return np.array(found).reshape(-1, 10)
+            loads.append(_regressed(error, deviation, size, worth, one, body)[0][:10])
+    return np.array(loads).reshape(-1, 10)
 
 
 def load_forecast(
@@ -124,10 +124,10 @@ def load_forecast(
     _, variance, noise = model.parted(log)
     columns = _columns(log, body, gains / np.sqrt(detection_variances(variance, noise)))
     prior = _prior(np.sqrt(noise.mean(axis=0)), mass)
-    found = np.linalg.inv(np.einsum("njp,njq->pq", columns, columns) + np.diag(prior**-2))[:4, :4]
+    covariance = np.linalg.inv(np.einsum("njp,njq->pq", columns, columns) + np.diag(prior**-2))[:4, :4]
     if apparent is not None and len(apparent):
-        found = found + apparent[:, :4].T @ apparent[:, :4] / len(apparent)
-    return np.asarray(found)
+        covariance = covariance + apparent[:, :4].T @ apparent[:, :4] / len(apparent)
+    return np.asarray(covariance)
 
 
 def _columns(log: Log, body: SupportsVariations, weight: Array) -> Array:
@@ -161,13 +161,13 @@ def _regressed(
         expected[4:10] = about_origin(float(x[0]), x[1:4])
         size = abs(float(x[0])) + float(np.sqrt(covariance[0, 0]))
         prior = _prior(offset, size)
-    rest = z - columns @ x
-    left = float(np.sum(worth * rest**2) / max(float(np.sum(worth * use)), 1.0))
+    residual = z - columns @ x
+    left = float(np.sum(worth * residual**2) / max(float(np.sum(worth * use)), 1.0))
     covariance = max(left, 1.0) * covariance
     stretch = np.floor((samples.t - samples.t[0]) / STRETCH_S).astype(np.int64)
     _, stretch = np.unique(stretch, return_inverse=True)
     scores = np.zeros((int(stretch.max()) + 1, 10 + J))
-    np.add.at(scores, stretch, np.einsum("j,njp,nj->np", worth, columns, rest))
+    np.add.at(scores, stretch, np.einsum("j,njp,nj->np", worth, columns, residual))
     return x, scattered(covariance, prior, scores, 1.0), left
 
 

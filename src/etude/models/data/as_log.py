@@ -71,15 +71,15 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
     """
     if isinstance(states, Log):
         return states
-    wanted = _channels(columns)
+    channels = _channels(columns)
     if isinstance(states, Mapping):
-        values = {name: _array(states, channel) for name, channel in wanted.items()}
+        values = {name: _array(states, channel) for name, channel in channels.items()}
     elif isinstance(states, Frame):
-        values = {name: _from_frame(states, channel) for name, channel in wanted.items()}
+        values = {name: _from_frame(states, channel) for name, channel in channels.items()}
     else:
         raise UsageError(
             f"states cannot be read from a {type(states).__name__}",
-            next_step=f"Give a Log, a data frame, or a mapping with {', '.join(wanted)}.",
+            next_step=f"Give a Log, a data frame, or a mapping with {', '.join(channels)}.",
         )
     rows = {name: len(array) for name, array in values.items()}
     if len(set(rows.values())) > 1:
@@ -92,7 +92,7 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
             f"times of shape {t.shape} are not one for each of {count} rows, in order",
             next_step="Give t (n,) in s, each later than the one before; or leave it out.",
         )
-    return Log(np.arange(count, dtype=float) if t is None else t, wanted, values)
+    return Log(np.arange(count, dtype=float) if t is None else t, channels, values)
 
 
 def _times(states: Any) -> Array | None:
@@ -120,18 +120,18 @@ def carried(inputs: Inputs, row: Log, before: Array | None) -> tuple[Log, Array 
 def _channels(columns: Sequence[Column]) -> dict[str, Channel]:
     parts: dict[str, dict[str, str]] = {}
     for channel, part, unit, op in columns:
-        known = parts.setdefault(channel, {})
-        known.setdefault(part, unit if not op else "")
+        part_units = parts.setdefault(channel, {})
+        part_units.setdefault(part, unit if not op else "")
     return {
-        name: Channel(name, tuple(own), tuple(own.values()), derivative_of=_base(name, parts))
-        for name, own in parts.items()
+        name: Channel(name, tuple(units), tuple(units.values()), derivative_of=_base(name, parts))
+        for name, units in parts.items()
     }
 
 
-def _base(name: str, known: Mapping[str, Mapping[str, str]]) -> str:
+def _base(name: str, parts: Mapping[str, Mapping[str, str]]) -> str:
     """The channel whose rate that is by the field's names, q of qd and qd of qdd; "" of none."""
     base = name.removesuffix("d")
-    return base if base != name and base in known and list(known[base]) == list(known[name]) else ""
+    return base if base != name and base in parts and list(parts[base]) == list(parts[name]) else ""
 
 
 def _array(states: Mapping[str, Any], channel: Channel) -> Array:

@@ -39,13 +39,13 @@ class HeldOut:
 
     def scale(self) -> Array:
         """(J,) factors on the variances that make them right here, but never below 1."""
-        return np.array([inflation(fold_mean(e**2 / v)) for e, v in self._told()])
+        return np.array([inflation(fold_mean(e**2 / v)) for e, v in self._predicted_pairs()])
 
     def density(self, scale: Array) -> float:
         """Mean log density, up to a constant, with the variances times `scale` (J,)."""
         terms = [
             np.log(factor * v) + e**2 / (factor * v)
-            for factor, (e, v) in zip(scale, self._told(), strict=True)
+            for factor, (e, v) in zip(scale, self._predicted_pairs(), strict=True)
             if len(e)
         ]
         return -0.5 * float(np.mean(np.concatenate(terms))) if terms else 0.0
@@ -53,8 +53,8 @@ class HeldOut:
     def votes(self, by: str) -> Array:
         """(F, J) mean "squared" or "absolute" error of each fold; NaN where nothing was held out."""
         sizes = np.abs(self.error) if by == "absolute" else self.error**2
-        own = [sizes[self.fold == number] for number in np.unique(self.fold)]
-        return np.array([[fold_mean(column) for column in rows.T] for rows in own])
+        by_fold = [sizes[self.fold == number] for number in np.unique(self.fold)]
+        return np.array([[fold_mean(column) for column in rows.T] for rows in by_fold])
 
     def errors(self, by: str) -> Array:
         """(J,) mean of the folds' `votes`."""
@@ -65,15 +65,15 @@ class HeldOut:
         nothing = np.full_like(self.error, np.nan)
         return HeldOut(np.where(use, self.error, nothing), np.where(use, self.variance, nothing), self.fold)
 
-    def _told(self) -> list[tuple[Array, Array]]:
+    def _predicted_pairs(self) -> list[tuple[Array, Array]]:
         pairs = zip(self.error.T, self.variance.T, strict=True)
         return [(e[np.isfinite(e)], v[np.isfinite(e)]) for e, v in pairs]
 
 
 def fold_mean(values: Array) -> float:
-    """Mean of the values that are known; NaN of none."""
-    known = values[np.isfinite(values)]
-    return float(np.mean(known)) if len(known) else np.nan
+    """Mean of the finite values; NaN of none."""
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if len(finite) else np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ class Base:
         """Errors of those commands (n, J) where `use` (n, J) is set; their mean square is the variance."""
         error = np.full_like(command, np.nan)
         for number, predicted in self.without.items():
-            own = folds.fold == number
-            error[own] = command[own] - predicted[own]
+            in_fold = folds.fold == number
+            error[in_fold] = command[in_fold] - predicted[in_fold]
         error[~use] = np.nan
         squared = np.array([fold_mean(column**2) for column in error.T])
         variance = np.maximum(np.where(np.isfinite(squared), squared, 1.0), np.finfo(float).tiny)
@@ -124,26 +124,26 @@ def fitted_base(folds: Folds, structure: str, physics: Physics) -> Base:
     if len(folds.numbers) == 1:
         return Base(mean, whole, {folds.numbers[0]: whole})
     without_each = physics.without if isinstance(physics, SupportsWithout) else partial(_without, physics)
-    found = without_each(samples, folds.fold)
-    without = {number: _numbers(structure, predicted, samples) for number, predicted in found.items()}
+    predictions = without_each(samples, folds.fold)
+    without = {number: _numbers(structure, predicted, samples) for number, predicted in predictions.items()}
     return Base(mean, whole, {number: without.get(number, whole) for number in folds.numbers})
 
 
 def _without(physics: Physics, samples: Samples, fold: Index) -> dict[int, Array]:
     """As `abilities.SupportsWithout`, of physics without that capability."""
-    found = {}
+    predictions = {}
     for number in np.unique(fold).tolist():
         with contextlib.suppress(DataError):
-            found[number] = physics(samples.take(fold != number)).predict(samples.log)
-    return found
+            predictions[number] = physics(samples.take(fold != number)).predict(samples.log)
+    return predictions
 
 
 def _checked(structure: str, mean: Mean, samples: Samples) -> Array:
     return _numbers(structure, mean.predict(samples.log), samples)
 
 
-def _numbers(structure: str, said: Array, samples: Samples) -> Array:
-    predicted = np.asarray(said, dtype=float)
+def _numbers(structure: str, values: Array, samples: Samples) -> Array:
+    predicted = np.asarray(values, dtype=float)
     if predicted.shape != samples.command.shape or not np.isfinite(predicted).all():
         raise UsageError(
             f"the {structure} physics gives no numbers, or shape {predicted.shape} for commands of shape "
@@ -157,23 +157,23 @@ def process_held_out(
     folds: Folds, group: tuple[int, ...], rows: Rows, units: Array, process: Process, base: Base | None
 ) -> HeldOut:
     """The samples kept, each predicted by physics and process that have not seen its fold."""
-    own_commands, (offset, factor) = list(group), units
-    command = folds.samples.command[:, own_commands]
+    outputs, (offset, factor) = list(group), units
+    command = folds.samples.command[:, outputs]
     error, variance = np.full_like(command, np.nan), np.full_like(command, np.nan)
-    own_folds = folds.fold[rows.kept]
-    numbers = np.unique(own_folds)
+    kept_folds = folds.fold[rows.kept]
+    numbers = np.unique(kept_folds)
     for number in numbers if len(numbers) > 1 else numbers[:0]:
-        own = rows.kept[own_folds == number]
-        mean = 0.0 if base is None else base.without[int(number)][:, own_commands]
+        places = rows.kept[kept_folds == number]
+        mean = 0.0 if base is None else base.without[int(number)][:, outputs]
         Y = (command - mean - offset) / factor
-        held, spread = process.held_out(own, None if base is None else Y)
-        if held.shape != (len(own), len(group)) or spread.shape != held.shape:
+        held, spread = process.held_out(places, None if base is None else Y)
+        if held.shape != (len(places), len(group)) or spread.shape != held.shape:
             raise UsageError(
                 f"the model {folds.config.process!r} holds out in shapes {held.shape} and {spread.shape}, "
-                f"not {(len(own), len(group))}",
+                f"not {(len(places), len(group))}",
                 next_step="Ask whoever wrote the plug-in; etude.testing.ProcessSuite shows what fails.",
             )
-        error[own], variance[own] = factor * (Y[own] - held), factor**2 * spread
+        error[places], variance[places] = factor * (Y[places] - held), factor**2 * spread
     return HeldOut(error, variance, folds.fold)
 
 
@@ -199,12 +199,14 @@ def contiguous_blocks(t: Array, group: Index, seconds: float) -> Index:
     blocks = np.zeros(len(t), dtype=np.int64)
     next_number = 0
     for number in np.unique(group):
-        own = group == number
-        span = float(np.ptp(t[own]))
+        mask = group == number
+        span = float(np.ptp(t[mask]))
         count = max(1, round(span / seconds))
         # 1e-12 s: a group of one row has no span
-        inside = np.minimum(((t[own] - t[own].min()) / max(span, 1e-12) * count).astype(np.int64), count - 1)
-        blocks[own] = next_number + inside
+        inside = np.minimum(
+            ((t[mask] - t[mask].min()) / max(span, 1e-12) * count).astype(np.int64), count - 1
+        )
+        blocks[mask] = next_number + inside
         next_number += count
     return blocks
 

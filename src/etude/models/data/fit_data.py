@@ -25,8 +25,8 @@ LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 OF_ARMS = ("structured", "standing", "gip_lin")
 """Kernels of an arm's command, with many hyperparameters."""
-JUDGED = 600
-"""Samples by which candidates are judged, at most."""
+SCORED_SAMPLES = 600
+"""Largest number of samples by which candidates are scored."""
 LEAST_FIT = 80
 """Spacings that all trajectories together last at least: an arm's kernel has some 80 hyperparameters for six
 joints. Where logs are too short for `fit_spacing_s`, samples for these are taken nearer to each other."""
@@ -41,8 +41,8 @@ class Folds:
         fold: (n,) number of what each sample is held out with. limit: (J,) of the commands.
         config: see `ModelConfig`. commands: names of the J commands.
         held: (J,) commands whose coordinates no log has moved: they answer what else moves. None: none.
-        judged: (n,) samples that all candidates are judged by, those that teach none too; None: each by what
-            the default is conditioned on.
+        scored: (n,) samples that all candidates are scored by, with or without training samples; None: each
+            by what the default is conditioned on.
     """
 
     samples: Samples
@@ -53,7 +53,7 @@ class Folds:
     config: ModelConfig
     commands: tuple[str, ...]
     held: Mask | None = None
-    judged: Mask | None = None
+    scored: Mask | None = None
 
     @property
     def judge(self) -> Array:
@@ -61,12 +61,12 @@ class Folds:
         return judge(self.samples, self.config)
 
     @property
-    def asked(self) -> Mask:
-        """(n, J) where errors count: at the samples that judge, or at those that teach."""
+    def error_mask(self) -> Mask:
+        """(n, J) where errors count: at the scored samples, or else at those that teach."""
         samples = self.samples
-        if self.judged is None:
+        if self.scored is None:
             return np.asarray(samples.usable & samples.moving)
-        return np.asarray(self.judged[:, None] & np.isfinite(samples.target))
+        return np.asarray(self.scored[:, None] & np.isfinite(samples.target))
 
     @property
     def trajectories(self) -> int:
@@ -110,8 +110,8 @@ def in_order(samples: Samples) -> Samples:
     place: dict[bytes, int] = {}
     for i in np.argsort(samples.group, kind="stable").tolist():
         place.setdefault(rows[i].tobytes(), i)
-    kept = np.fromiter(place.values(), dtype=np.int64, count=len(place))
-    return samples.take(kept[np.lexsort((samples.t[kept], samples.group[kept]))])
+    unique = np.fromiter(place.values(), dtype=np.int64, count=len(place))
+    return samples.take(unique[np.lexsort((samples.t[unique], samples.group[unique]))])
 
 
 def spread_points(
@@ -136,15 +136,13 @@ def judge(samples: Samples, config: ModelConfig) -> Array:
     return samples.target if config.stacks else samples.command
 
 
-def judged_samples(samples: Samples) -> Mask:
-    """(n,) at most `JUDGED` samples of which a prediction is asked, evenly spread: predicting more takes time
-    and says no more.
-    """
-    asked = np.flatnonzero(np.isfinite(samples.target).any(axis=1))
-    found = np.zeros(len(samples), dtype=np.bool_)
-    count = min(len(asked), JUDGED)
-    found[asked[np.arange(count) * len(asked) // max(count, 1)]] = True
-    return found
+def scored_samples(samples: Samples) -> Mask:
+    """(n,) at most `SCORED_SAMPLES` samples, evenly spread: more cost time and give no better scores."""
+    candidates = np.flatnonzero(np.isfinite(samples.target).any(axis=1))
+    mask = np.zeros(len(samples), dtype=np.bool_)
+    count = min(len(candidates), SCORED_SAMPLES)
+    mask[candidates[np.arange(count) * len(candidates) // max(count, 1)]] = True
+    return mask
 
 
 def seconds_of(samples: Samples) -> float:
@@ -154,13 +152,13 @@ def seconds_of(samples: Samples) -> float:
 
 def spaced_positions(t: Array, group: Index, spacing: float) -> Index:
     """Positions that keep each trajectory's samples `spacing` apart, greedily from its first one."""
-    kept, last_t, last_group = [], -np.inf, None
+    positions, last_t, last_group = [], -np.inf, None
     for i, (time, number) in enumerate(zip(t.tolist(), group.tolist(), strict=True)):
         # rows of a grid are `spacing` apart only up to rounding
         if number != last_group or time - last_t >= spacing * (1 - 1e-9):
-            kept.append(i)
+            positions.append(i)
             last_t, last_group = time, number
-    return np.array(kept, dtype=np.int64)
+    return np.array(positions, dtype=np.int64)
 
 
 def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, any_of: bool = False) -> Rows:
@@ -169,15 +167,15 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
     Raises:
         DataError: there are fewer than two.
     """
-    samples, config, own = folds.samples, folds.config, list(group)
-    telling = (samples.usable & samples.moving)[:, own]
+    samples, config, outputs = folds.samples, folds.config, list(group)
+    telling = (samples.usable & samples.moving)[:, outputs]
     use: Mask = np.any(telling, axis=1) if any_of else np.all(telling, axis=1)
     if np.count_nonzero(use) < 2:
         raise DataError(
             "the axis hardly moves, so nothing of it can be learned",
             where=", ".join(folds.commands[j] for j in group),
             next_step="Excite it, or leave it out of the robot."
-            if len(own) == 1
+            if len(outputs) == 1
             else "Excite all together, or set model.sharing = 'separate'.",
         )
     many = config.inducing and np.count_nonzero(use) >= MANY * config.inducing
@@ -198,13 +196,13 @@ def units_of(target: Array, rows: Rows, config: ModelConfig) -> Array:
 
     An output that never changes is as uncertain as the others.
     """
-    seen = target[rows.chosen if config.schedule == "first" else rows.kept]
-    offset = seen.mean(axis=0)
+    values = target[rows.chosen if config.schedule == "first" else rows.kept]
+    offset = values.mean(axis=0)
     if not config.standardised:
         return np.stack([offset, np.ones_like(offset)])
-    deviation = seen.std(axis=0)
+    deviation = values.std(axis=0)
     # the deviation of a constant is rounding: some 1e-16 of its size
-    constant = deviation <= 1e-12 * (1.0 + np.abs(seen).max(axis=0))
+    constant = deviation <= 1e-12 * (1.0 + np.abs(values).max(axis=0))
     fallback = float(deviation[~constant].max()) if not constant.all() else 1.0
     return np.stack([offset, np.where(constant, fallback, deviation)])
 
@@ -213,9 +211,9 @@ def floor_of(folds: Folds, group: tuple[int, ...], rows: Rows, units: Array, par
     """(m,) least noise deviation in the units of the process, for a floor given as a part."""
     if folds.config.floor_of == "deviation":
         return np.full(len(group), part)
-    own = list(group)
-    largest = LARGEST_FLOOR * folds.samples.command[rows.moving][:, own].std(axis=0)
-    return np.asarray(np.minimum(part * folds.limit[own], largest) / units[1])
+    outputs = list(group)
+    largest = LARGEST_FLOOR * folds.samples.command[rows.moving][:, outputs].std(axis=0)
+    return np.asarray(np.minimum(part * folds.limit[outputs], largest) / units[1])
 
 
 def fit_data(
@@ -229,13 +227,13 @@ def fit_data(
     rng: np.random.Generator,
 ) -> FitData:
     """What a member learns the group from; Y (n, m) in the units of the process."""
-    own, samples = list(group), folds.samples
+    outputs, samples = list(group), folds.samples
     names = tuple(folds.commands[j] for j in group)
     return FitData(
         X=folds.X,
         Y=Y,
-        usable=samples.usable[:, own],
-        moving=samples.moving[:, own],
+        usable=samples.usable[:, outputs],
+        moving=samples.moving[:, outputs],
         group=samples.group,
         fold=folds.fold,
         chosen=rows.chosen,
@@ -314,8 +312,8 @@ def on_schedule(fit: FitData) -> FitData:
 
 def initial_process(fit: FitData) -> ExactGP:
     """The process to train from: the earlier hyperparameters if they fit, else the data's scales."""
-    known = _known(fit)
-    return _fresh(fit) if known is None else known
+    earlier = _earlier_process(fit)
+    return _fresh(fit) if earlier is None else earlier
 
 
 def trained_process(fit: FitData) -> ExactGP:
@@ -343,7 +341,7 @@ def _fresh(fit: FitData) -> ExactGP:
     return initial_gp(fit.kernels[0], fit.X[fit.chosen], telling(fit), noise_floor=floor)
 
 
-def _known(fit: FitData) -> ExactGP | None:
+def _earlier_process(fit: FitData) -> ExactGP | None:
     earlier = hyperparameters(fit)
     if earlier is None:
         return None
@@ -367,15 +365,15 @@ def _shared(fit: FitData) -> ExactGP:
     """Trained from several starts, or for several commands."""
     from etude.models.gp.shared_exact import fit_shared
 
-    config, known = fit.config, _known(fit)
+    config, earlier = fit.config, _earlier_process(fit)
     X, Y = fit.X[fit.chosen], telling(fit)
     Y = Y[:, None] if Y.ndim == 1 else Y
-    start, others = known, []
-    if known is None or config.starts > 1:
+    start, others = earlier, []
+    if earlier is None or config.starts > 1:
         start = _fresh(fit)
         lengths = np.array([role == "length" for role in fit.kernels[0].roles()] + [False])
         others = [start.parameters + np.log(f) * lengths for f in LENGTH_FACTORS[1 : config.starts]]
-        others += [] if known is None else [known.parameters]
+        others += [] if earlier is None else [earlier.parameters]
     assert start is not None
     prior = weak(fit, X, Y)
     return fit_shared(start, X, Y, steps=config.steps, method=config.method, prior=prior, others=others)

@@ -85,14 +85,14 @@ class BayesianLinear:
 
     def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
         """log p(y | X) and its gradient (2,) with respect to `parameters`; errors as `condition`."""
-        given = self.condition(X, y)
-        n, p = given.phi.shape
+        posterior = self.condition(X, y)
+        n, p = posterior.phi.shape
         noise, prior = np.exp(2.0 * self.log_noise), np.exp(2.0 * self.log_amplitude)
-        squared = float(np.sum((given.y - given.phi @ given.weights) ** 2)) / noise
-        shrunk = float(given.weights @ given.weights) / prior
-        log_det = 2.0 * float(np.log(np.abs(given.R.diagonal())).sum()) - p * np.log(noise / prior)
+        squared = float(np.sum((posterior.y - posterior.phi @ posterior.weights) ** 2)) / noise
+        shrunk = float(posterior.weights @ posterior.weights) / prior
+        log_det = 2.0 * float(np.log(np.abs(posterior.R.diagonal())).sum()) - p * np.log(noise / prior)
         value = -0.5 * (squared + shrunk + log_det + n * np.log(2.0 * np.pi * noise))
-        determined = p - noise / prior * float(np.sum(given.R_inverse**2))  # tr A^-1 phi^T phi
+        determined = p - noise / prior * float(np.sum(posterior.R_inverse**2))  # tr A^-1 phi^T phi
         return float(value), np.array([shrunk - determined, squared - (n - determined)])
 
 

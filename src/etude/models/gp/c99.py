@@ -91,17 +91,17 @@ def expanded(
     m, n = weights.shape
     size = -(-n // BLOCK) * BLOCK
     Z = np.concatenate([X, np.tile(X[-1:], (size - n, 1))])
-    rest, linear = _without_linear(kernel, theta)
+    curved, linear = _without_linear(kernel, theta)
     blocks = Written(name, Z)
     value = (
-        expression(blocks, Sum(tuple(k for k, _ in rest)), np.concatenate([t for _, t in rest]))
-        if rest
+        expression(blocks, Sum(tuple(k for k, _ in curved)), np.concatenate([t for _, t in curved]))
+        if curved
         else ""
     )
     data: dict[str, Any] = dict(blocks.data)
     text = [*blocks.body]
-    operations = size * (blocks.operations + 2 * m) if rest else 0
-    if rest:
+    operations = size * (blocks.operations + 2 * m) if curved else 0
+    if curved:
         data[f"{name}_weights"] = np.concatenate([weights, np.zeros((m, size - n))], axis=1)
         text.append(_block_function(blocks, value))
     for k, t in linear:
@@ -117,7 +117,7 @@ def expanded(
         variance[f"{name}_order"] = order
     sizes = (n, size, m, X.shape[1])
     text.append(_prior_function(name, diagonal(name, kernel, theta)))
-    text.append(_function(name, sizes, bool(rest), bool(linear), factor is not None, order is not None))
+    text.append(_function(name, sizes, bool(curved), bool(linear), factor is not None, order is not None))
     more = (n * n + size * lines.operations) if factor is not None else 0
     return Code("\n".join(text), data, variance, work=2 * size + 3 * BLOCK, operations=(operations, more))
 
@@ -130,7 +130,7 @@ def expression(out: Written, kernel: Kernel, theta: Array) -> str:
     """The covariance of x with point i of the block as C. UnwritableError if there is none."""
     if isinstance(kernel, Sum | Product):
         sign = " + " if isinstance(kernel, Sum) else " * "
-        parts = [expression(out, part, own) for part, own in kernel.shares(theta)]
+        parts = [expression(out, part, share) for part, share in kernel.shares(theta)]
         out.operations += len(parts) - 1
         return f"({sign.join(parts)})"
     if isinstance(kernel, SquaredExponential):
@@ -139,8 +139,8 @@ def expression(out: Written, kernel: Kernel, theta: Array) -> str:
         terms = [f"t = x[{d}] - {out.column(d)}[i]; s += {real(c)} * t * t;" for c, d in pairs]
         out.exponents.append("\n            ".join(terms))
         out.operations += 4 * len(terms) + EXPONENTIAL + 1
-        found = f"e[{len(out.exponents) - 1}][i]"
-        return found if kernel.unit else f"{real(np.exp(2.0 * log_s0))} * {found}"
+        exponential = f"e[{len(out.exponents) - 1}][i]"
+        return exponential if kernel.unit else f"{real(np.exp(2.0 * log_s0))} * {exponential}"
     if isinstance(kernel, Linear):
         terms = []
         for slope, d in zip(np.exp(2.0 * theta), kernel.dims, strict=True):
@@ -150,10 +150,10 @@ def expression(out: Written, kernel: Kernel, theta: Array) -> str:
         return f"({' + '.join(terms)})"
     if isinstance(kernel, RestNoise):
         return "R(0.0)"
-    own = kernel.own if isinstance(kernel, PluginKernel) else kernel
-    if not isinstance(own, BlockKernel):
+    inner = kernel.wrapped if isinstance(kernel, PluginKernel) else kernel
+    if not isinstance(inner, BlockKernel):
         raise UnwritableError(_title(kernel))
-    return _call(out, own, theta)
+    return _call(out, inner, theta)
 
 
 def _call(out: Written, kernel: BlockKernel, theta: Array) -> str:
@@ -322,37 +322,37 @@ def _without_linear(
 ) -> tuple[list[tuple[Kernel, Array]], list[tuple[Kernel, Array]]]:
     """The summands that take a loop over the points, and those that are linear in x."""
     parts = kernel.shares(theta) if isinstance(kernel, Sum) else [(kernel, theta)]
-    parts = [(part, own) for part, own in parts if not isinstance(part, RestNoise)]
+    parts = [(part, share) for part, share in parts if not isinstance(part, RestNoise)]
     return (
-        [(part, own) for part, own in parts if not isinstance(part, Linear)],
-        [(part, own) for part, own in parts if isinstance(part, Linear)],
+        [(part, share) for part, share in parts if not isinstance(part, Linear)],
+        [(part, share) for part, share in parts if isinstance(part, Linear)],
     )
 
 
 def _slopes(kernel: Kernel, theta: Array, X: Array, weights: Array) -> Array:
     """(m, D) weights on x of Σ_i w_i Σ_d a_d² x_d z_id."""
     assert isinstance(kernel, Linear)
-    found = np.zeros((len(weights), X.shape[1]))
+    slopes = np.zeros((len(weights), X.shape[1]))
     dims = list(kernel.dims)
-    found[:, dims] = (weights @ X[:, dims]) * np.exp(2.0 * theta)
-    return found
+    slopes[:, dims] = (weights @ X[:, dims]) * np.exp(2.0 * theta)
+    return slopes
 
 
 def diagonal(name: str, kernel: Kernel, theta: Array) -> str:
     """k(x, x) as C; what has code of its own is asked under the names that `expression` gave it."""
     numbers = iter(range(len(theta) + 1))
 
-    def of(part: Kernel, own: Array) -> str:
+    def of(part: Kernel, share: Array) -> str:
         if isinstance(part, Sum | Product):
             sign = " + " if isinstance(part, Sum) else " * "
-            return f"({sign.join(of(k, t) for k, t in part.shares(own))})"
+            return f"({sign.join(of(k, t) for k, t in part.shares(share))})"
         if isinstance(part, SquaredExponential):
-            return real(np.exp(2.0 * part._split(own)[0]))
+            return real(np.exp(2.0 * part._split(share)[0]))
         if isinstance(part, Linear):
-            terms = zip(np.exp(2.0 * own), part.dims, strict=True)
+            terms = zip(np.exp(2.0 * share), part.dims, strict=True)
             return "(" + " + ".join(f"{real(a)} * x[{d}] * x[{d}]" for a, d in terms) + ")"
         if isinstance(part, RestNoise):
-            return f"{real(np.exp(2.0 * own[0]))} * x[{part.column}] * x[{part.column}]"
+            return f"{real(np.exp(2.0 * share[0]))} * x[{part.column}] * x[{part.column}]"
         return f"{name}_own{next(numbers)}_diagonal(x)"
 
     return of(kernel, theta)
@@ -412,8 +412,8 @@ def merged_functions(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]
             calls.append(f"    if (variance) variance[{place}] = spread[{i}];")
     most = max(len(places) for *_, places in parts)
     head = f"static void {name}(const real *x, real *mean, real *variance)\n{{"
-    own = f"    real own[{most}] = {{R(0.0)}}, spread[{most}] = {{R(0.0)}};"
-    body = "\n".join([*(code.body for code, *_ in parts), head, own, *calls, "}", ""])
+    declaration = f"    real own[{most}] = {{R(0.0)}}, spread[{most}] = {{R(0.0)}};"
+    body = "\n".join([*(code.body for code, *_ in parts), head, declaration, *calls, "}", ""])
     data = {key: value for code, *_ in parts for key, value in code.data.items()}
     variance = {key: value for code, *_ in parts for key, value in code.variance.items()}
     counts = [sum(code.operations[i] for code, *_ in parts) for i in range(2)]

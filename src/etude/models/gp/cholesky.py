@@ -17,7 +17,7 @@ from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dtrtri
 from etude.errors import NumericalError
 from etude.types import Array
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 FIRST_JITTER, LAST_JITTER = 1e-10, 1e-4  # parts of the largest entry: rounding, up to what changes a result
 
@@ -139,8 +139,8 @@ def factorise(K: Array, noise_variance: float, *, announce: bool = True) -> tupl
 
 
 def with_jitter(
-    K: Array, noise_variance: float, attempt: Callable[[Array], Found | None]
-) -> tuple[Found, float]:
+    K: Array, noise_variance: float, attempt: Callable[[Array], Result | None]
+) -> tuple[Result, float]:
     """What `attempt` makes of the diagonal (n,) of K + noise_variance I, raised until it is not None.
 
     Returns:
@@ -155,9 +155,9 @@ def with_jitter(
     jitter = 0.0
     # 1.001: the last power of ten is tried too, however it is rounded
     while jitter <= 1.001 * LAST_JITTER * scale:
-        found = attempt(diagonal + jitter)
-        if found is not None:
-            return found, jitter
+        result = attempt(diagonal + jitter)
+        if result is not None:
+            return result, jitter
         jitter = max(10.0 * jitter, FIRST_JITTER * scale)
     raise NumericalError(
         f"a covariance matrix of {len(K)} points is indefinite even with {LAST_JITTER:.0e} of its "

@@ -91,8 +91,8 @@ class CovarianceFactors:
         if id(other) not in self._read:
             # another set is kept with its entry, so that its id cannot pass to a third; itself is not: in a
             # circle of references the matrices would wait for the garbage collector
-            kept = None if other is self else other
-            self._read[id(other)] = (kept, *other.against(self.X))
+            reference = None if other is self else other
+            self._read[id(other)] = (reference, *other.against(self.X))
         _, prior, vjp = self._read[id(other)]
         return prior, vjp
 

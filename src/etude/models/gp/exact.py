@@ -79,9 +79,9 @@ class ExactGP:
 
     def _likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
         K, vjp = self.kernel.gram_lower(self.theta, X)
-        found = solved(K, self.noise_variance, y)
-        value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
-        in_theta, in_noise = found.slopes(vjp)
+        solution = solved(K, self.noise_variance, y)
+        value = -0.5 * (solution.square + solution.log_det + len(y) * np.log(2.0 * np.pi))
+        in_theta, in_noise = solution.slopes(vjp)
         return float(value), -np.append(in_theta, 2.0 * np.exp(2.0 * self.log_noise) * in_noise)
 
     def condition(self, X: Array, y: Array) -> ExactPosterior:
@@ -229,9 +229,9 @@ def posterior_given(
 
     Raises DataError for unusable X or y, NumericalError if the covariance is indefinite.
     """
-    found = ExactPosterior(kernel, theta, noise_variance, *checked_data(X, y))
-    _ = found.alpha  # made at once: who conditions will ask, and is told here what is wrong
-    return found
+    posterior = ExactPosterior(kernel, theta, noise_variance, *checked_data(X, y))
+    _ = posterior.alpha  # made at once: who conditions will ask, and is told here what is wrong
+    return posterior
 
 
 def checked_data(X: Array, y: Array) -> tuple[Array, Array]:

@@ -170,8 +170,8 @@ def joint_likelihood(gp: Likely, X: Array, Y: Array) -> tuple[float, Array]:
 def check_method(method: str) -> None:
     """UsageError if there is no such training method."""
     if method not in get_args(Method):
-        known = ", ".join(get_args(Method))
-        raise UsageError(f"unknown training method {method!r}", next_step=f"Use one of: {known}.")
+        names = ", ".join(get_args(Method))
+        raise UsageError(f"unknown training method {method!r}", next_step=f"Use one of: {names}.")
 
 
 def negative_posterior(likelihood: Objective, prior: Prior | None) -> Objective:

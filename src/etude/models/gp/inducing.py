@@ -232,13 +232,13 @@ class _Solution:
         """
         scaled = self.V / self.noises
         solved, _ = dpotrs(self.root, scaled, lower=1)  # V S^-1 = A^-1 V Λ^-1
-        own = 1.0 / self.noises - np.einsum("un,un->n", scaled, solved) - self.alpha**2
+        diagonal = 1.0 / self.noises - np.einsum("un,un->n", scaled, solved) - self.alpha**2
         if self.gp.form == "fitc":
-            w, on_noise = own, 0.5 * float(own.sum())
+            w, on_noise = diagonal, 0.5 * float(diagonal.sum())
         else:
             noise = self.gp.noise_variance
-            w = np.full(len(own), 1.0 / noise)
-            on_noise = 0.5 * float(own.sum() - self.missing.sum() / noise**2)
+            w = np.full(len(diagonal), 1.0 / noise)
+            on_noise = 0.5 * float(diagonal.sum() - self.missing.sum() / noise**2)
         # V α = β, so the rank-one part of V M costs nothing
         on_uf = self.L_inverse.T @ (solved - np.outer(self.beta, self.alpha) - self.V * w)
         on_uu = -0.5 * (on_uf @ self.V.T) @ self.L_inverse
@@ -311,8 +311,8 @@ class FixedInducing:
     @cached_property
     def roots(self) -> Array:
         """(n,) root of each sample's noise: s², and what friction holds at rest."""
-        rest = rest_variance(self.gp.kernel, self.gp.theta, self.X)
-        return np.asarray(np.sqrt(self.gp.noise_variance + rest))
+        at_rest = rest_variance(self.gp.kernel, self.gp.theta, self.X)
+        return np.asarray(np.sqrt(self.gp.noise_variance + at_rest))
 
     @cached_property
     def places(self) -> dict[int, Index]:
@@ -323,7 +323,9 @@ class FixedInducing:
     @cached_property
     def parts(self) -> dict[int, Array]:
         """By fold, V (u, k) = L^-1 k(Z, X), each sample in deviations of its noise."""
-        return {number: self._whitened(self.X[own]) / self.roots[own] for number, own in self.places.items()}
+        return {
+            number: self._whitened(self.X[rows]) / self.roots[rows] for number, rows in self.places.items()
+        }
 
     @cached_property
     def whole(self) -> Array:
@@ -338,7 +340,7 @@ class FixedInducing:
         gp = self.gp
         with threads_for(len(self.Z)):
             root_inverse = triangular_inverse(factorise(self.whole, 1.0, announce=False)[0])
-            beta = root_inverse.T @ (root_inverse @ self._told(y[:, None], self.places)[:, 0])
+            beta = root_inverse.T @ (root_inverse @ self._projected(y[:, None], self.places)[:, 0])
             middle = -(root_inverse.T @ root_inverse)  # I - A^-1, its rows and columns reversed
             middle[np.diag_indices_from(middle)] += 1.0
             upper, _ = factorise(np.asfortranarray(middle[::-1, ::-1]), ROUNDING, announce=False)
@@ -354,8 +356,8 @@ class FixedInducing:
             if (key := (left_out, at.tobytes())) not in self.solved:
                 self.solved[key] = self._without(left_out, at)
             here, variance = self.solved[key]
-            told = self._told(Y, [number for number in self.places if number not in left_out])
-            return here.T @ dtrtrs(self._root(left_out), told, lower=1)[0], variance
+            projected = self._projected(Y, [number for number in self.places if number not in left_out])
+            return here.T @ dtrtrs(self._root(left_out), projected, lower=1)[0], variance
 
     def _without(self, left_out: tuple[int, ...], at: Array) -> tuple[Array, Array]:
         """Of inputs (k, D): A^-1/2 L^-1 k(Z, at) (u, k) of what other folds teach, and variances (k,) with
@@ -381,13 +383,13 @@ class FixedInducing:
         K = self.gp.kernel.value(self.gp.theta, X, self.Z)  # its transposed is in Fortran order
         return np.asarray(dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1))
 
-    def _told(self, Y: Array, folds: Iterable[int]) -> Array:
+    def _projected(self, Y: Array, folds: Iterable[int]) -> Array:
         """(u, m) V y of those folds, of outputs Y (n, m)."""
-        told = np.zeros((len(self.Z), Y.shape[1]))
+        total = np.zeros((len(self.Z), Y.shape[1]))
         for number in folds:
-            own = self.places[number]
-            told += self.parts[number] @ (Y[own] / self.roots[own, None])
-        return told
+            rows = self.places[number]
+            total += self.parts[number] @ (Y[rows] / self.roots[rows, None])
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,20 +409,20 @@ class Induced:
 
     def __call__(self, X: Array, Y: Array) -> tuple[Posterior, ...]:
         """A posterior for each output (n, m)."""
-        seen = _seen(self) if X.shape == self.X.shape else FixedInducing(self.gp, self.Z, X)
-        return tuple(seen.posterior(np.ascontiguousarray(y)) for y in Y.T)
+        fixed = _fixed(self) if X.shape == self.X.shape else FixedInducing(self.gp, self.Z, X)
+        return tuple(fixed.posterior(np.ascontiguousarray(y)) for y in Y.T)
 
-    def held_out(self, own: Array, fold: Index, Y: Array) -> tuple[Array, Array]:
-        """Means and variances with noise (k, m) at inputs own (k, D) from the samples of other folds.
+    def held_out(self, X: Array, fold: Index, Y: Array) -> tuple[Array, Array]:
+        """Means and variances with noise (k, m) at inputs X (k, D) from the samples of other folds.
 
         Args:
             fold: numbers of those left out. Y: (N, m) outputs of every sample.
         """
-        mean, variance = _seen(self).held_out(Y[self.taught], fold.tolist(), own)
+        mean, variance = _fixed(self).held_out(Y[self.taught], fold.tolist(), X)
         return mean, np.repeat(variance[:, None], mean.shape[1], axis=1)
 
 
 @lru_cache(maxsize=1)
-def _seen(induced: Induced) -> FixedInducing:
+def _fixed(induced: Induced) -> FixedInducing:
     """What all its folds share: tens of megabytes, so only the latest stays."""
     return FixedInducing(induced.gp, induced.Z, induced.X, induced.fold[induced.taught])

@@ -140,7 +140,7 @@ class _Composite(Kernel):
     def shares(self, theta: Array) -> list[tuple[Kernel, Array]]:
         """Each part with its hyperparameters."""
         theta = self.check(theta)
-        return [(part, theta[own]) for part, own in zip(self.parts, self.places, strict=True)]
+        return [(part, theta[place]) for part, place in zip(self.parts, self.places, strict=True)]
 
     def names(self) -> tuple[str, ...]:
         return _joined_names(self.parts)
@@ -172,11 +172,11 @@ def total(terms: list[Array]) -> Array:
 
 def product(factors: list[Array], without: int = -1) -> Array:
     """The product of all factors but one."""
-    kept = [factor for i, factor in enumerate(factors) if i != without]
-    if len(kept) == 1 < len(factors):
-        return kept[0]  # only read
-    out = kept[0].copy(order="K")
-    for factor in kept[1:]:
+    others = [factor for i, factor in enumerate(factors) if i != without]
+    if len(others) == 1 < len(factors):
+        return others[0]  # only read
+    out = others[0].copy(order="K")
+    for factor in others[1:]:
         out *= factor
     return out
 
@@ -188,8 +188,8 @@ def joined_lower(operation: np.ufunc, terms: list[Array]) -> Array:
 
 def weighted_lower(G: Array, factors: list[Array], without: int) -> Array:
     """G times all factors but one, zero above the diagonal as G is."""
-    kept = [factor for i, factor in enumerate(factors) if i != without]
-    return combined(np.multiply, [G, *kept], np.zeros_like(G, order="F")) if kept else G
+    others = [factor for i, factor in enumerate(factors) if i != without]
+    return combined(np.multiply, [G, *others], np.zeros_like(G, order="F")) if others else G
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Sum(_Composite):
         return np.concatenate([part.initial(half_range, share) for part in self.parts])
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        pairs = [part.gram(own, X) for part, own in self.shares(theta)]
+        pairs = [part.gram(share, X) for part, share in self.shares(theta)]
 
         def vjp(G: Array) -> Array:
             return np.concatenate([vjp_part(G) for _, vjp_part in pairs])
@@ -209,7 +209,7 @@ class Sum(_Composite):
         return total([K for K, _ in pairs]), vjp
 
     def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+        pairs = [part.gram_lower(share, X) for part, share in self.shares(theta)]
 
         def vjp(G: Array) -> Array:
             return np.concatenate([vjp_part(G) for _, vjp_part in pairs])
@@ -220,7 +220,7 @@ class Sum(_Composite):
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
-        parts = [part.against(own, Z) for part, own in self.shares(theta)]
+        parts = [part.against(share, Z) for part, share in self.shares(theta)]
 
         def crossed(X: Array) -> tuple[Array, VJP]:
             pairs = [part(X) for part in parts]
@@ -229,7 +229,7 @@ class Sum(_Composite):
         return crossed
 
     def values(self, theta: Array, Z: Array) -> Of:
-        first, *others = [part.values(own, Z) for part, own in self.shares(theta)]
+        first, *others = [part.values(share, Z) for part, share in self.shares(theta)]
 
         def valued(X: Array) -> Array:
             out = first(X)
@@ -240,15 +240,15 @@ class Sum(_Composite):
         return valued
 
     def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
-        parts = [part.sums(own, Z, alpha) for part, own in self.shares(theta)]
+        parts = [part.sums(share, Z, alpha) for part, share in self.shares(theta)]
         return lambda X: total([part(X) for part in parts])
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return total([part.diagonal(own, X) for part, own in self.shares(theta)])
+        return total([part.diagonal(share, X) for part, share in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         shares = self.shares(theta)
-        return total([part.diagonal_gradient(own, X, g) for part, own in shares])
+        return total([part.diagonal_gradient(share, X, g) for part, share in shares])
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,7 @@ class Product(_Composite):
         )
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        pairs = [part.gram(own, X) for part, own in self.shares(theta)]
+        pairs = [part.gram(share, X) for part, share in self.shares(theta)]
         values = [K for K, _ in pairs]
 
         def vjp(G: Array) -> Array:
@@ -271,7 +271,7 @@ class Product(_Composite):
         return product(values), vjp
 
     def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+        pairs = [part.gram_lower(share, X) for part, share in self.shares(theta)]
         values = [K for K, _ in pairs]
 
         def vjp(G: Array) -> Array:
@@ -284,7 +284,7 @@ class Product(_Composite):
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
-        parts = [part.against(own, Z) for part, own in self.shares(theta)]
+        parts = [part.against(share, Z) for part, share in self.shares(theta)]
 
         def crossed(X: Array) -> tuple[Array, VJP]:
             pairs = [part(X) for part in parts]
@@ -298,37 +298,37 @@ class Product(_Composite):
         return crossed
 
     def values(self, theta: Array, Z: Array) -> Of:
-        return multiplied([part.values(own, Z) for part, own in self.shares(theta)])
+        return multiplied([part.values(share, Z) for part, share in self.shares(theta)])
 
     def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
         shares = self.shares(theta)
-        known = [part.features(own, Z) for part, own in shares]
-        place = next((i for i, found in enumerate(known) if found is not None), None)
+        features = [part.features(share, Z) for part, share in shares]
+        place = next((i for i, table in enumerate(features) if table is not None), None)
         if place is None or len(shares) == 1:
             return super().sums(theta, Z, alpha)
         # a factor of few features asks for no matrix of its own, but for that many weights on the others
-        (part, own), beside = shares.pop(place), known[place]
+        (part, share), beside = shares.pop(place), features[place]
         assert beside is not None
         weights = beside[:, :, None] * alpha.reshape(len(Z), 1, -1)
         others = multiplied([other.values(its, Z) for other, its in shares])
 
         def summed(X: Array) -> Array:
-            found = (others(X) @ weights.reshape(len(Z), -1)).reshape(len(X), *weights.shape[1:])
-            total = np.einsum("nf,nfc->nc", np.asarray(part.features(own, X)), found)
+            weighted = (others(X) @ weights.reshape(len(Z), -1)).reshape(len(X), *weights.shape[1:])
+            total = np.einsum("nf,nfc->nc", np.asarray(part.features(share, X)), weighted)
             return np.asarray(total.reshape(len(X), *alpha.shape[1:]))
 
         return summed
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return product([part.diagonal(own, X) for part, own in self.shares(theta)])
+        return product([part.diagonal(share, X) for part, share in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         shares = self.shares(theta)
-        values = [part.diagonal(own, X) for part, own in shares]
+        values = [part.diagonal(share, X) for part, share in shares]
         return total(
             [
-                part.diagonal_gradient(own, X, g * product(values, without=i))
-                for i, (part, own) in enumerate(shares)
+                part.diagonal_gradient(share, X, g * product(values, without=i))
+                for i, (part, share) in enumerate(shares)
             ]
         )
 

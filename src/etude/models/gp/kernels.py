@@ -28,10 +28,10 @@ BLOCK = 512
 
 def active(X: Array, dims: tuple[int, ...]) -> Array:
     """The columns `dims` of X (n, D); UsageError if there are fewer."""
-    own = places(dims)
-    if X.ndim != 2 or X.shape[1] <= (max(dims) if isinstance(own, list) else dims[-1]):
+    columns = places(dims)
+    if X.ndim != 2 or X.shape[1] <= (max(dims) if isinstance(columns, list) else dims[-1]):
         raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
-    return X[:, own]
+    return X[:, columns]
 
 
 @cache
@@ -89,8 +89,8 @@ class SquaredExponential(Kernel):
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         log_s0, lengths = self._split(theta)
-        own = active(X, self.dims)
-        U = (own - own.mean(axis=0)) / lengths
+        inputs = active(X, self.dims)
+        U = (inputs - inputs.mean(axis=0)) / lengths
         K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
         np.fill_diagonal(K, np.exp(2.0 * log_s0))
 
@@ -102,8 +102,8 @@ class SquaredExponential(Kernel):
 
     def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         log_s0, lengths = self._split(theta)
-        own = active(X, self.dims)
-        U = (own - own.mean(axis=0)) / lengths
+        inputs = active(X, self.dims)
+        U = (inputs - inputs.mean(axis=0)) / lengths
         left, right = _both_sides(U, log_s0)
         K = cholesky.exponentials(left, right, 2.0 * log_s0)
 
@@ -319,17 +319,17 @@ def own_friction(columns: Sequence[Column], commands: tuple[str, ...]) -> Sum:
         UsageError: several commands, or inputs without the joint or its friction columns.
     """
     posture, motion = _posture(columns), _motion(columns)
-    own = tuple(i for i in posture if commands == (columns[i][1],))
+    position = tuple(i for i in posture if commands == (columns[i][1],))
     steps = tuple(i for i in motion if columns[i][3] and commands == (columns[i][1],))
-    if not own or not steps:
+    if not position or not steps:
         raise UsageError(
             "The structured kernel needs the command's own position and its friction among the inputs",
             where=f"commands {', '.join(commands)}",
             next_step="Turn the friction columns on, or set kernel = 'ard_se'.",
         )
     return (
-        SquaredExponential(own, share=OWN_SHARE)
-        + Linear(steps) * SquaredExponential(own, unit=True, share=OWN_SHARE)
+        SquaredExponential(position, share=OWN_SHARE)
+        + Linear(steps) * SquaredExponential(position, unit=True, share=OWN_SHARE)
         + Linear(motion)
     )
 
@@ -362,12 +362,12 @@ class RestNoise(Kernel):
         return np.array([np.log(scale)])
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        own = self.diagonal(theta, X)
+        variances = self.diagonal(theta, X)
 
         def vjp(G: Array) -> Array:
-            return np.array([2.0 * float(G.diagonal() @ own)])
+            return np.array([2.0 * float(G.diagonal() @ variances)])
 
-        return np.asfortranarray(np.diag(own)), vjp
+        return np.asfortranarray(np.diag(variances)), vjp
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         self.check(theta)
@@ -378,14 +378,14 @@ class RestNoise(Kernel):
         return lambda X: np.zeros((len(X), *alpha.shape[1:]))
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return np.asarray(np.exp(2.0 * self.check(theta)[0]) * self._rest(X) ** 2)
+        return np.asarray(np.exp(2.0 * self.check(theta)[0]) * self._rest_column(X) ** 2)
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         out = np.zeros(X.shape)
-        out[:, self.column] = 2.0 * g * np.exp(2.0 * self.check(theta)[0]) * self._rest(X)
+        out[:, self.column] = 2.0 * g * np.exp(2.0 * self.check(theta)[0]) * self._rest_column(X)
         return out
 
-    def _rest(self, X: Array) -> Array:
+    def _rest_column(self, X: Array) -> Array:
         if X.ndim != 2 or X.shape[1] <= self.column:
             raise UsageError(f"a kernel on column {self.column} needs more than inputs of shape {X.shape}")
         return np.asarray(X[:, self.column])
@@ -394,7 +394,7 @@ class RestNoise(Kernel):
 def rests(kernel: Kernel, theta: Array) -> tuple[tuple[int, float], ...]:
     """Of each noise at rest in a sum of kernels its column c and s²."""
     parts = kernel.shares(theta) if isinstance(kernel, Sum) else [(kernel, theta)]
-    return tuple((k.column, float(np.exp(2.0 * own[0]))) for k, own in parts if isinstance(k, RestNoise))
+    return tuple((k.column, float(np.exp(2.0 * share[0]))) for k, share in parts if isinstance(k, RestNoise))
 
 
 def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
@@ -402,9 +402,9 @@ def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
     return resting(rests(kernel, theta), X)
 
 
-def resting(found: Sequence[tuple[int, float]], X: Array) -> Array:
-    """(n,) the same of what `rests` found."""
-    return np.asarray(sum((s * X[:, c] ** 2 for c, s in found), start=np.zeros(len(X))))
+def resting(pairs: Sequence[tuple[int, float]], X: Array) -> Array:
+    """(n,) variance of noise at rest, from the pairs of `rests`."""
+    return np.asarray(sum((s * X[:, c] ** 2 for c, s in pairs), start=np.zeros(len(X))))
 
 
 def mean_signal(kernel: Kernel, theta: Array, X: Array) -> float:
@@ -424,9 +424,9 @@ def standing(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
 def memory_kernel(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """(1 + SE(q_j)) · memory_j + memory of all + noise at rest, for the command of joint j."""
     memory = tuple(i for i, column in enumerate(columns) if column[3] == "memory")
-    own, position = own_columns(columns, commands, "memory"), own_columns(columns, commands, "")[:1]
-    rest = own_columns(columns, commands, "rest")
-    if not (own and rest and position):
+    joint_memory, position = own_columns(columns, commands, "memory"), own_columns(columns, commands, "")[:1]
+    rest_columns = own_columns(columns, commands, "rest")
+    if not (joint_memory and rest_columns and position):
         raise UsageError(
             "a kernel of standing joints needs what friction remembers among the inputs",
             where=f"commands {', '.join(commands)}",
@@ -435,6 +435,6 @@ def memory_kernel(columns: Sequence[Column], commands: tuple[str, ...]) -> Kerne
     return (
         Linear(memory)
         # friction changes within a part of a joint's range: lengths start at a quarter of half of it
-        + Linear(own) * SquaredExponential(position, unit=True, share=0.25)
-        + RestNoise(rest[0])
+        + Linear(joint_memory) * SquaredExponential(position, unit=True, share=0.25)
+        + RestNoise(rest_columns[0])
     )

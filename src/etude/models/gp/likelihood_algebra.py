@@ -83,7 +83,7 @@ class Routines:
 @cache
 def routines() -> Routines | None:
     """They, or None if this SciPy's have other integers than C's `int`, as with a BLAS of 64 bits."""
-    found = [
+    pointers = [
         _routine(cython_blas, "dgemm", integers=6),
         _routine(cython_blas, "dsyrk", integers=4),
         _routine(cython_blas, "dtrmm", integers=4),
@@ -93,7 +93,7 @@ def routines() -> Routines | None:
         _routine(cython_lapack, "dlauum", integers=3),
         _routine(cython_lapack, "dlaset", integers=3),
     ]
-    return None if None in found else Routines(*found)
+    return None if None in pointers else Routines(*pointers)
 
 
 @cache
@@ -114,12 +114,12 @@ def place(address: int) -> Any:
 
 
 def _routine(module: Any, name: str, *, integers: int) -> Any:
-    found = LowLevelCallable.from_cython(module, name)
-    if len(INTEGER.findall(found.signature)) != integers:
+    low_level = LowLevelCallable.from_cython(module, name)
+    if len(INTEGER.findall(low_level.signature)) != integers:
         return None
     address = PYFUNCTYPE(c_void_p, py_object, c_char_p)(("PyCapsule_GetPointer", pythonapi))
     # without argument types: their conversion would take as long as the rest of the call
-    return CFUNCTYPE(None)(address(found.function, found.signature.encode()))
+    return CFUNCTYPE(None)(address(low_level.function, low_level.signature.encode()))
 
 
 NONE, ONE, MINUS = number(0.0), number(1.0), number(-1.0)
@@ -153,12 +153,12 @@ def solved(K: Array, noise_variance: float, Y: Array) -> Solved:
     Raises:
         NumericalError: as `factorise`, whose jitter it adds where needed without a word.
     """
-    columns, known = Y.reshape(len(Y), -1), routines()
+    columns, blas = Y.reshape(len(Y), -1), routines()
 
     def attempt(diagonal: Array) -> Solved | None:
-        if known is None or len(K) <= LEAST_SIZE:
+        if blas is None or len(K) <= LEAST_SIZE:
             return factor_by_lapack(K, diagonal, columns)
-        return factor_in_one_pass(K, diagonal, columns, known)
+        return factor_in_one_pass(K, diagonal, columns, blas)
 
     return with_jitter(K, noise_variance, attempt)[0]
 
@@ -179,13 +179,13 @@ def factor_by_lapack(K: Array, diagonal: Array, Y: Array) -> Solved | None:
 
 def factor_in_one_pass(K: Array, diagonal: Array, Y: Array, use: Routines) -> Solved | None:
     """The same in one pass."""
-    way = _Pass(K, diagonal, Y, use)
-    for first in range(0, way.n, BLOCK):
-        if not way.through(first, min(first + BLOCK, way.n)):
+    sweep = _Pass(K, diagonal, Y, use)
+    for first in range(0, sweep.n, BLOCK):
+        if not sweep.through(first, min(first + BLOCK, sweep.n)):
             return None
-    if not np.isfinite(way.pivots).all():
+    if not np.isfinite(sweep.pivots).all():
         return None
-    return Solved(-float(np.trace(way.corner)), _log_det(way.pivots), way.weights())
+    return Solved(-float(np.trace(sweep.corner)), _log_det(sweep.pivots), sweep.weights())
 
 
 def _log_det(pivots: Array) -> float:
@@ -213,29 +213,29 @@ class _Pass:
 
     def through(self, first: int, last: int) -> bool:
         """Takes the rows from first to last; False if K is indefinite."""
-        use, rows, own, before = self.use, self.rows, whole(last - first), whole(first)
+        use, rows, size, before = self.use, self.rows, whole(last - first), whole(first)
         left = whole(self.n + self.m - last)
         corner, row, below = self.at(first, first), self.at(first, 0), self.at(last, first)
         failed = c_int(0)
-        use.potrf(LOWER, own, corner, rows, byref(failed))
+        use.potrf(LOWER, size, corner, rows, byref(failed))
         if failed.value:
             return False
         self.pivots[first:last] = self.diagonal[first:last]
         # L below the corner, X left of it, and what both take from what is below
-        use.trsm(RIGHT, LOWER, TRANSPOSED, PLAIN, left, own, ONE, corner, rows, below, rows)
-        use.syrk(LOWER, PLAIN, left, own, MINUS, below, rows, ONE, self.at(last, last), rows)
+        use.trsm(RIGHT, LOWER, TRANSPOSED, PLAIN, left, size, ONE, corner, rows, below, rows)
+        use.syrk(LOWER, PLAIN, left, size, MINUS, below, rows, ONE, self.at(last, last), rows)
         if first:
-            use.trsm(LEFT, LOWER, PLAIN, PLAIN, own, before, ONE, corner, rows, row, rows)
+            use.trsm(LEFT, LOWER, PLAIN, PLAIN, size, before, ONE, corner, rows, row, rows)
             use.gemm(
-                PLAIN, PLAIN, left, before, own, MINUS, below, rows, row, rows, ONE, self.at(last, 0), rows
+                PLAIN, PLAIN, left, before, size, MINUS, below, rows, row, rows, ONE, self.at(last, 0), rows
             )
-            use.syrk(LOWER, TRANSPOSED, before, own, ONE, row, rows, ONE, self.at(0, 0), rows)
+            use.syrk(LOWER, TRANSPOSED, before, size, ONE, row, rows, ONE, self.at(0, 0), rows)
         # X in the corner: -L X below it, and its share of K^-1
-        use.trtri(LOWER, PLAIN, own, corner, rows, byref(failed))
-        use.trmm(RIGHT, LOWER, PLAIN, PLAIN, left, own, MINUS, corner, rows, below, rows)
+        use.trtri(LOWER, PLAIN, size, corner, rows, byref(failed))
+        use.trmm(RIGHT, LOWER, PLAIN, PLAIN, left, size, MINUS, corner, rows, below, rows)
         if first:
-            use.trmm(LEFT, LOWER, TRANSPOSED, PLAIN, own, before, ONE, corner, rows, row, rows)
-        use.lauum(LOWER, own, corner, rows, byref(failed))
+            use.trmm(LEFT, LOWER, TRANSPOSED, PLAIN, size, before, ONE, corner, rows, row, rows)
+        use.lauum(LOWER, size, corner, rows, byref(failed))
         return True
 
     def weights(self) -> Array:

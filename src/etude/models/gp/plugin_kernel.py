@@ -26,30 +26,30 @@ class PluginKernel(Kernel):
     Attributes:
         plugin: name of the factory. columns, commands: what it was called with; stored with a model, so that
             the kernel can be made again.
-        own: the kernel.
+        wrapped: the plug-in's kernel.
     """
 
     plugin: str
     columns: tuple[Column, ...]
     commands: tuple[str, ...]
-    own: Any = field(compare=False)
+    wrapped: Any = field(compare=False)
 
     @classmethod
     def of(
         cls, plugin: str, factory: Callable[..., Any], columns: Sequence[Column], commands: tuple[str, ...]
     ) -> PluginKernel:
         """The factory's kernel. UsageError if it makes none, or one that lacks a method."""
-        known = tuple((str(c), str(p), str(u), str(o)) for c, p, u, o in columns)
+        plain = tuple((str(c), str(p), str(u), str(o)) for c, p, u, o in columns)
         try:
-            own = factory(known, commands)
+            inner = factory(plain, commands)
         except UsageError:
             raise
         except Exception as error:
             raise UsageError(f"the kernel {plugin!r} cannot be made ({error})", next_step=_ASK) from error
-        missing = [name for name in METHODS if not callable(getattr(own, name, None))]
+        missing = [name for name in METHODS if not callable(getattr(inner, name, None))]
         if missing:
             raise UsageError(f"the kernel {plugin!r} has no {', '.join(missing)}", next_step=_ASK)
-        kernel = cls(plugin, known, commands, own)
+        kernel = cls(plugin, plain, commands, inner)
         if len(kernel.roles()) != len(kernel.names()) or not set(kernel.roles()) <= set(ROLES):
             raise UsageError(
                 f"the kernel {plugin!r} must give each of its hyperparameters one of the roles "
@@ -88,16 +88,16 @@ class PluginKernel(Kernel):
         return self
 
     def names(self) -> tuple[str, ...]:
-        return tuple(self.own.names())
+        return tuple(self.wrapped.names())
 
     def roles(self) -> tuple[Role, ...]:
-        return tuple(self.own.roles())
+        return tuple(self.wrapped.roles())
 
     def initial(self, half_range: Array, scale: float) -> Array:
-        return self._sound("initial", self.own.initial(half_range, scale), (self.size,))
+        return self._sound("initial", self.wrapped.initial(half_range, scale), (self.size,))
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
-        K, vjp = self._pair("gram", self.own.gram(self.check(theta), X), (len(X), len(X)))
+        K, vjp = self._pair("gram", self.wrapped.gram(self.check(theta), X), (len(X), len(X)))
 
         def checked(G: Array) -> Array:
             # a likelihood's weights have gaps between their columns, which a plug-in need not expect
@@ -106,7 +106,7 @@ class PluginKernel(Kernel):
         return np.asfortranarray(K), checked
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
-        K, vjp = self._pair("cross", self.own.cross(self.check(theta), X, Z), (len(X), len(Z)))
+        K, vjp = self._pair("cross", self.wrapped.cross(self.check(theta), X, Z), (len(X), len(Z)))
 
         def checked(G: Array) -> Array:
             return self._sound("cross", vjp(G), X.shape)
@@ -114,21 +114,21 @@ class PluginKernel(Kernel):
         return np.ascontiguousarray(K), checked
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return self._sound("diagonal", self.own.diagonal(self.check(theta), X), (len(X),))
+        return self._sound("diagonal", self.wrapped.diagonal(self.check(theta), X), (len(X),))
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
-        found = self.own.diagonal_gradient(self.check(theta), X, g)
-        return self._sound("diagonal_gradient", found, X.shape)
+        values = self.wrapped.diagonal_gradient(self.check(theta), X, g)
+        return self._sound("diagonal_gradient", values, X.shape)
 
-    def _pair(self, what: str, found: Any, shape: tuple[int, ...]) -> tuple[Array, VJP]:
-        if not isinstance(found, tuple) or len(found) != 2 or not callable(found[1]):
+    def _pair(self, what: str, pair: Any, shape: tuple[int, ...]) -> tuple[Array, VJP]:
+        if not isinstance(pair, tuple) or len(pair) != 2 or not callable(pair[1]):
             raise UsageError(
                 f"{what} of the kernel {self.plugin!r} must give a matrix and its pull-back", next_step=_ASK
             )
-        return self._sound(what, found[0], shape), found[1]
+        return self._sound(what, pair[0], shape), pair[1]
 
-    def _sound(self, what: str, found: Any, shape: tuple[int, ...]) -> Array:
-        values = np.asarray(found, dtype=float)
+    def _sound(self, what: str, value: Any, shape: tuple[int, ...]) -> Array:
+        values = np.asarray(value, dtype=float)
         if values.shape != shape:
             raise UsageError(
                 f"{what} of the kernel {self.plugin!r} gives shape {values.shape}, not {shape}",
@@ -146,8 +146,8 @@ _ASK = "Ask whoever wrote the plug-in; etude.testing.KernelSuite shows what fail
 
 def in_parts(kernel: Kernel) -> Kernel:
     """What a plug-in's kernel is made of, if all of it are this room's parts; any other kernel as it is."""
-    own = kernel.own if isinstance(kernel, PluginKernel) else kernel
-    return own if _of_parts(own) else kernel
+    inner = kernel.wrapped if isinstance(kernel, PluginKernel) else kernel
+    return inner if _of_parts(inner) else kernel
 
 
 def _of_parts(kernel: Any) -> bool:

@@ -29,9 +29,9 @@ def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
     n, m = Y.shape
     with threads_for(n):
         K, vjp = gp.kernel.gram_lower(gp.theta, X)
-        found = solved(K, gp.noise_variance, Y)
-        value = -0.5 * (found.square + m * (found.log_det + n * np.log(2.0 * np.pi)))
-        in_theta, in_noise = found.slopes(vjp)
+        solution = solved(K, gp.noise_variance, Y)
+        value = -0.5 * (solution.square + m * (solution.log_det + n * np.log(2.0 * np.pi)))
+        in_theta, in_noise = solution.slopes(vjp)
         return value, -np.append(in_theta, 2.0 * np.exp(2.0 * gp.log_noise) * in_noise)
 
 
@@ -111,7 +111,7 @@ class SharedPosterior:
         first = self.outputs[0]
         return np.asarray(first.kernel.value(first.theta, first._inputs(X), first.X) @ self.alpha)
 
-    def held_out(self, own: NDArray[np.int64], Y: Array | None = None) -> tuple[Array, Array]:
+    def held_out(self, places: NDArray[np.int64], Y: Array | None = None) -> tuple[Array, Array]:
         """Means (k, m) at the samples `own` from all others, and variances (k,) with noise, in closed form.
 
         Args:
@@ -122,10 +122,10 @@ class SharedPosterior:
         targets = np.column_stack([posterior.y for posterior in self.outputs]) if Y is None else Y
         with threads_for(len(first.X)):
             W = first.inverse
-            alpha = self.alpha[own] if Y is None else W[own] @ targets
-            block, _ = factorise(np.asfortranarray(W[np.ix_(own, own)]), 0.0)
+            alpha = self.alpha[places] if Y is None else W[places] @ targets
+            block, _ = factorise(np.asfortranarray(W[np.ix_(places, places)]), 0.0)
             half = triangular_inverse(block)
-            return targets[own] - half.T @ (half @ alpha), np.einsum("ij,ij->j", half, half)
+            return targets[places] - half.T @ (half @ alpha), np.einsum("ij,ij->j", half, half)
 
     def elsewhere(self, out: NDArray[np.int64], X: Array, Y: Array | None = None) -> tuple[Array, Array]:
         """Means (k, m) at X (k, D) from all samples but those at `out`, and variances (k,) with noise.

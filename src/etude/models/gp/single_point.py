@@ -64,19 +64,19 @@ def kernel_terms(kernel: Kernel, theta: Array, inputs: int) -> Terms:
     rows = []
     for factors in _summands(kernel, kernel.check(theta)):
         curve, slope, log_variance = np.zeros(inputs), np.zeros(inputs), 0.0
-        linear = [own for part, own in factors if isinstance(part, Linear)]
+        linear = [share for part, share in factors if isinstance(part, Linear)]
         curved = [part for part, _ in factors if isinstance(part, SquaredExponential)]
         if len(linear) > 1 or len(linear) + len(curved) < len(factors):
             raise UsageError(
                 f"a single point's covariances are not made for {kernel}",
                 next_step="Use the kernel's own value, or squared exponential and linear parts.",
             )
-        for part, own in factors:
+        for part, share in factors:
             if isinstance(part, Linear):
-                slope[list(part.dims)] = np.exp(2.0 * own)
+                slope[list(part.dims)] = np.exp(2.0 * share)
             elif isinstance(part, SquaredExponential):
-                curve[list(part.dims)] += np.exp(-2.0 * (own if part.unit else own[1:]))
-                log_variance += 0.0 if part.unit else 2.0 * float(own[0])
+                curve[list(part.dims)] += np.exp(-2.0 * (share if part.unit else share[1:]))
+                log_variance += 0.0 if part.unit else 2.0 * float(share[0])
         rows.append((curve, log_variance, slope, bool(curved), bool(linear)))
     return Terms(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -85,7 +85,9 @@ def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
     """The factors of each term, with their own hyperparameters."""
     if isinstance(kernel, Sum):
         pairs = [pair for pair in _split(kernel.parts, theta) if not isinstance(pair[0], RestNoise)]
-        return [term for part, own in pairs for term in _summands(part, own)]  # noise is shared with no other
+        return [
+            term for part, share in pairs for term in _summands(part, share)
+        ]  # noise is shared with no other
     if isinstance(kernel, Product):
         return [_split(kernel.parts, theta)]
     return [[(kernel, theta)]]
@@ -110,14 +112,14 @@ def pointwise_parts(
     terms: list[tuple[Kernel, Array]] = []
     others: list[tuple[Pointwise, Array]] = []
     parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]
-    for part, own in parts:
+    for part, share in parts:
         if isinstance(part, Pointwise):
-            others.append((part, own))
+            others.append((part, share))
         else:
-            terms.append((part, own))
+            terms.append((part, share))
     if not terms:
         return None, np.zeros(0), others
-    return Sum(tuple(part for part, _ in terms)), np.concatenate([own for _, own in terms]), others
+    return Sum(tuple(part for part, _ in terms)), np.concatenate([share for _, share in terms]), others
 
 
 # ln 2 in two parts, so that the reduction of e^x is exact (Cody and Waite)
@@ -206,8 +208,10 @@ def means_at(
 ) -> None:
     """`mean_at` of every output j into out (m,): Z[j], alpha[j], the first counts[j] members, terms[j]."""
     for j in range(len(out)):
-        own = Terms(terms.curve[j], terms.log_variance[j], terms.slope[j], terms.curved[j], terms.linear[j])
-        out[j] = mean_at(x, Z[j], alpha[j], counts[j], own, k, space)
+        output_terms = Terms(
+            terms.curve[j], terms.log_variance[j], terms.slope[j], terms.curved[j], terms.linear[j]
+        )
+        out[j] = mean_at(x, Z[j], alpha[j], counts[j], output_terms, k, space)
 
 
 class PointCovariances:
@@ -266,7 +270,7 @@ class PointMean:
         for j, posterior in enumerate(posteriors):
             kernel, theta, others = pointwise_parts(posterior.kernel, posterior.theta)
             terms.append(_none(D) if kernel is None else kernel_terms(kernel, theta, D))
-            self._others += [(j, part.at(own, posterior.X), posterior.alpha) for part, own in others]
+            self._others += [(j, part.at(share, posterior.X), posterior.alpha) for part, share in others]
         self._terms = _stacked(terms)
         self._k, self._space = np.empty(most), np.empty((3, most))
 
@@ -289,7 +293,7 @@ def _none(inputs: int) -> Terms:
 
 def _stacked(terms: Sequence[Terms]) -> Terms:
     """One array per field for all outputs; one with fewer terms gets linear terms with slopes of zero."""
-    most = max(len(own.log_variance) for own in terms)
+    most = max(len(one.log_variance) for one in terms)
     m, D = len(terms), terms[0].curve.shape[1]
     out = Terms(
         curve=np.zeros((m, most, D)),
@@ -298,7 +302,7 @@ def _stacked(terms: Sequence[Terms]) -> Terms:
         curved=np.zeros((m, most), dtype=np.bool_),
         linear=np.ones((m, most), dtype=np.bool_),
     )
-    for j, own in enumerate(terms):
-        for all_outputs, values in zip(out, own, strict=True):
+    for j, output_terms in enumerate(terms):
+        for all_outputs, values in zip(out, output_terms, strict=True):
             all_outputs[j, : len(values)] = values
     return out

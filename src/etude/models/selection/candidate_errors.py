@@ -39,10 +39,10 @@ class CandidateErrors:
 
 def of_command(every: Sequence[CandidateErrors], j: int) -> tuple[list[int], Array, Array]:
     """Places of the candidates of command j, and their errors and variances (C, n)."""
-    own = [(k, one, one.part.candidate.commands) for k, one in enumerate(every)]
-    own = [(k, one, commands) for k, one, commands in own if j in commands]
-    errors = np.array([one.error[:, commands.index(j)] for _, one, commands in own])
-    return [k for k, *_ in own], errors, np.array([one.variance[:, c.index(j)] for _, one, c in own])
+    members = [(k, one, one.part.candidate.commands) for k, one in enumerate(every)]
+    members = [(k, one, commands) for k, one, commands in members if j in commands]
+    errors = np.array([one.error[:, commands.index(j)] for _, one, commands in members])
+    return [k for k, *_ in members], errors, np.array([one.variance[:, c.index(j)] for _, one, c in members])
 
 
 def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:

@@ -54,7 +54,7 @@ class MemberConfig:
         structures: in which it takes part; where all candidates are stacked, in the first that there is.
         together: all commands in one process; else each by itself.
         standing: samples of standing joints teach too, while another moves.
-        own: it learns from samples and physics of its own (`Sources`), and takes part without a process too.
+        own_data: it learns from its own samples and physics (`Sources`), and takes part without a process.
         fit_points, steps, points: at most, of the configuration's; 0: these.
         offered: whether it is worth its time on these data, given the default's samples of each command.
     """
@@ -64,7 +64,7 @@ class MemberConfig:
     structures: tuple[str, ...] = ("gp",)
     together: bool = False
     standing: bool = False
-    own: bool = False
+    own_data: bool = False
     fit_points: int = 0
     steps: int = 0
     points: int = 0
@@ -77,7 +77,9 @@ class MemberConfig:
             kernel=self.kernel,
             process=self.process,
             fit_points=min(self.fit_points or config.fit_points, config.fit_points),
-            inducing=config.inducing if self.standing or self.own else 0,  # a Lagrangian is for few samples
+            inducing=config.inducing
+            if self.standing or self.own_data
+            else 0,  # a Lagrangian is for few samples
             points=min(self.points or config.points, config.points),
             steps=self.steps or config.steps,
         )
@@ -99,7 +101,7 @@ def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
 
 
 def _few(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
-    return all(len(own.chosen) < FEW_SAMPLES for own in rows)
+    return all(len(group_rows.chosen) < FEW_SAMPLES for group_rows in rows)
 
 
 def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
@@ -110,8 +112,10 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 
 CANDIDATES: dict[str, MemberConfig] = {
     "standing": MemberConfig("standing", structures=("identified+gp", "gp"), standing=True, offered=_rests),
-    "slow": MemberConfig("standing", structures=("identified+gp",), standing=True, own=True, offered=_rests),
-    "ripple": MemberConfig("structured", structures=("identified+gp",), own=True),
+    "slow": MemberConfig(
+        "standing", structures=("identified+gp",), standing=True, own_data=True, offered=_rests
+    ),
+    "ripple": MemberConfig("structured", structures=("identified+gp",), own_data=True),
     "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
     "all_lin": MemberConfig(
         "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
@@ -146,24 +150,24 @@ def beside_default(
     """The candidates that `model.candidates` names and the data suffice for, in every structure of theirs. By
     name why others cannot be loaded: a broken package takes no model from anybody.
     """
-    found: list[LearnedStructure] = []
+    structures: list[LearnedStructure] = []
     broken: dict[str, str] = {}
     if not folds.config.averages or len(folds.numbers) < 2:
-        return found, broken
+        return structures, broken
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
         for structure in counted(_structures(folds, groups, name, sources)):
             if fault := CANDIDATES[name].fault():
                 broken[name] = fault
                 continue
-            own = [group[structure] for group in groups if structure in group]
+            defaults = [group[structure] for group in groups if structure in group]
             source, base = sources.get(name, (folds, bases.get(base_of(structure))))
-            every = tuple(j for learned in own for j in learned.candidate.commands)
+            every = tuple(j for learned in defaults for j in learned.candidate.commands)
             for commands in counted([every] if CANDIDATES[name].together else [(j,) for j in every]):
-                wanted = None if len(commands) > 1 else compared_samples(folds, commands[0], own)
-                found.append(_learned(source, commands, name, structure, base, rng, previous, wanted))
-                if CANDIDATES[name].own and base is not None:
-                    found.append(_alone(source, found[-1], base))
-    return found, broken
+                compared = None if len(commands) > 1 else compared_samples(folds, commands[0], defaults)
+                structures.append(_learned(source, commands, name, structure, base, rng, previous, compared))
+                if CANDIDATES[name].own_data and base is not None:
+                    structures.append(_alone(source, structures[-1], base))
+    return structures, broken
 
 
 def _structures(
@@ -171,14 +175,14 @@ def _structures(
 ) -> list[str]:
     """In which a candidate takes part; none where the data do not suffice for it."""
     member = CANDIDATES.get(name)
-    if member is None or (member.own and name not in sources):
+    if member is None or (member.own_data and name not in sources):
         return []
-    found = []
+    offered = []
     for structure in member.structures:
-        own = [group[structure].rows for group in groups if structure in group]
-        if own and member.offered(folds, own):
-            found.append(structure)
-    return found[:1] if folds.config.stacks else found
+        rows = [group[structure].rows for group in groups if structure in group]
+        if rows and member.offered(folds, rows):
+            offered.append(structure)
+    return offered[:1] if folds.config.stacks else offered
 
 
 def _alone(folds: Folds, twin: LearnedStructure, base: Base) -> LearnedStructure:
@@ -197,18 +201,18 @@ def _learned(
     base: Base | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
-    wanted: Mask | None,
+    compared: Mask | None,
 ) -> LearnedStructure:
     member_config = CANDIDATES[name]
     samples = folds.samples
     if member_config.standing:
         samples = replace(samples, moving=samples.moving | resting(folds))
-    own = replace(folds, samples=samples, config=member_config.config(folds.config))
-    rows = rows_of(own, group, rng, any_of=member_config.together)
+    member_folds = replace(folds, samples=samples, config=member_config.config(folds.config))
+    rows = rows_of(member_folds, group, rng, any_of=member_config.together)
     if member_config.standing:  # at rest little is told of the motion, so those samples come on top
-        rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
+        rows = _beside(rows_of(replace(member_folds, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, structure, group, folds, name)
-    learned = with_process(own, group, rows, structure, base, start, rng, wanted)
+    learned = with_process(member_folds, group, rows, structure, base, start, rng, compared)
     return replace(learned, candidate=replace(learned.candidate, name=name))
 
 
@@ -221,9 +225,9 @@ def resting(folds: Folds) -> Mask:
     samples = folds.samples
     places = [own_columns(folds.inputs.columns, (name,), "rest")[0] for name in folds.commands]
     rests = (folds.X[:, places] >= RESTS) & while_any_moves(samples)
-    for own in rests.T:
-        rows = np.flatnonzero(own)
-        own[np.setdiff1d(rows, rows[spaced_positions(samples.t[rows], samples.group[rows], REST_S)])] = False
+    for mask in rests.T:
+        rows = np.flatnonzero(mask)
+        mask[np.setdiff1d(rows, rows[spaced_positions(samples.t[rows], samples.group[rows], REST_S)])] = False
     return np.asarray(rests)
 
 
@@ -231,8 +235,8 @@ def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> 
     """The rows of moving joints, and of the others those at rest."""
     rests = np.asarray(~folds.samples.moving[:, list(group)].all(axis=1))
 
-    def both(own: Index, other: Index) -> Index:
-        return np.union1d(own, other[rests[other]])
+    def both(places: Index, other: Index) -> Index:
+        return np.union1d(places, other[rests[other]])
 
     return Rows(every.moving, both(moving.kept, every.kept), both(moving.chosen, every.chosen))
 
@@ -246,17 +250,19 @@ def everywhere(folds: Folds, learned: LearnedStructure, compared: Mask) -> tuple
     compared by what it held out itself.
     """
     candidate, held = learned.candidate, learned.held
-    own, process = list(candidate.commands), candidate.process
-    told = held if learned.beside is None else _filled(held, learned.beside)
-    wanted = compared[:, own] if folds.judged is not None else standing(folds, own) | compared[:, own]
-    missing = np.flatnonzero((wanted & ~np.isfinite(told.error)).any(axis=1))
-    if len(missing) and process is not None and (len(own) == 1 or folds.judged is not None):
+    outputs, process = list(candidate.commands), candidate.process
+    predictions = held if learned.beside is None else _filled(held, learned.beside)
+    mask = (
+        compared[:, outputs] if folds.scored is not None else standing(folds, outputs) | compared[:, outputs]
+    )
+    missing = np.flatnonzero((mask & ~np.isfinite(predictions.error)).any(axis=1))
+    if len(missing) and process is not None and (len(outputs) == 1 or folds.scored is not None):
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, learned.base)
-        told = _filled(told, more)
-    beside = (folds.judge - folds.samples.command)[:, own]
-    error = told.error if folds.judged is None else np.where(wanted, told.error + beside, np.nan)
-    return error, told.variance * candidate.calibration
+        predictions = _filled(predictions, more)
+    beside = (folds.judge - folds.samples.command)[:, outputs]
+    error = predictions.error if folds.scored is None else np.where(mask, predictions.error + beside, np.nan)
+    return error, predictions.variance * candidate.calibration
 
 
 def _filled(held: HeldOut, more: HeldOut) -> HeldOut:
@@ -269,22 +275,22 @@ def _filled(held: HeldOut, more: HeldOut) -> HeldOut:
 
 def standing(folds: Folds, commands: Sequence[int]) -> Mask:
     """(n, m) where the joints of those commands stand while another moves."""
-    own = list(commands)
-    return np.asarray(while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own])
+    outputs = list(commands)
+    return np.asarray(while_any_moves(folds.samples)[:, outputs] & ~folds.samples.moving[:, outputs])
 
 
 def compared_samples(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
     """(n,) samples of a command that `everywhere` compares candidates on: those that judge, or without them
     those of standing joints, and those that the defaults held out.
     """
-    if folds.judged is not None:
-        return folds.judged
-    found = standing(folds, [command])[:, 0]
+    if folds.scored is not None:
+        return folds.scored
+    mask = standing(folds, [command])[:, 0]
     for learned in defaults:
         if command in learned.candidate.commands:
             place = learned.candidate.commands.index(command)
-            found = found | np.isfinite(learned.held.error[:, place])
-    return np.asarray(found)
+            mask = mask | np.isfinite(learned.held.error[:, place])
+    return np.asarray(mask)
 
 
 EXPONENT = 4.0
@@ -321,15 +327,15 @@ class Average:
     held: HeldOut
 
 
-def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Average:
+def averaged(folds: Folds, candidates: Sequence[CandidateErrors], defaults: int) -> Average:
     """The candidates of a structure, weighed for each command by their density over what all predicted.
 
-    own: the `defaults` of the groups first.
+    candidates: the `defaults` of the groups first.
     """
-    parts, shape = [one.part for one in own], folds.samples.command.shape
+    parts, shape = [one.part for one in candidates], folds.samples.command.shape
     weights = np.zeros((len(parts), shape[1]))
-    told = [of_command(own, j) for j in range(shape[1])]
-    for j, (places, errors, variances) in enumerate(told):
+    by_command = [of_command(candidates, j) for j in range(shape[1])]
+    for j, (places, errors, variances) in enumerate(by_command):
         weights[places, j] = weighed(errors, variances)
     needed = weights.max(axis=1) >= LEAST_WEIGHT
     weights = np.where(needed[:, None], weights, 0.0)
@@ -337,12 +343,12 @@ def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Ave
     for row, default in zip(weights, parts[:defaults], strict=False):  # unpredicted, it stays in use
         row[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
     error, variance = np.full(shape, np.nan), np.full(shape, np.nan)
-    for j, (places, errors, variances) in enumerate(told):
+    for j, (places, errors, variances) in enumerate(by_command):
         error[:, j], variance[:, j] = mixed(errors, variances, weights[places, j])
     held = HeldOut(error, variance, folds.fold).at(_compared(folds, parts[:defaults]))
-    kept = [k for k in range(len(parts)) if needed[k] or k < defaults]
-    shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
-    return Average(tuple(parts[k] for k in kept), shares, held)
+    used = [k for k in range(len(parts)) if needed[k] or k < defaults]
+    shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in used)
+    return Average(tuple(parts[k] for k in used), shares, held)
 
 
 def weighed(error: Array, variance: Array) -> Array:
@@ -369,8 +375,8 @@ def _compared(folds: Folds, defaults: Sequence[LearnedStructure]) -> Mask:
     """(n, J) the samples on which structures are compared: those that judge all candidates, or those that the
     defaults were conditioned on.
     """
-    if folds.judged is not None:
-        return folds.asked
+    if folds.scored is not None:
+        return folds.error_mask
     use = np.zeros(folds.samples.command.shape, dtype=np.bool_)
     for part in defaults:
         use[:, list(part.candidate.commands)] = np.isfinite(part.held.error)
@@ -379,11 +385,11 @@ def _compared(folds: Folds, defaults: Sequence[LearnedStructure]) -> Mask:
 
 def averages(folds: Folds, every: Sequence[CandidateErrors], defaults: int) -> dict[str, Average]:
     """By structure that has other candidates than its `defaults`, the first of `every`, its average."""
-    found = {}
+    by_structure = {}
     for structure in dict.fromkeys(one.part.candidate.structure for one in every[defaults:]):
-        own, beside = (
+        standard, beside = (
             [one for one in part if one.part.candidate.structure == structure]
             for part in (every[:defaults], every[defaults:])
         )
-        found[structure] = averaged(folds, [*own, *beside], len(own))
-    return found
+        by_structure[structure] = averaged(folds, [*standard, *beside], len(standard))
+    return by_structure

@@ -75,8 +75,8 @@ class LinearPhysics:
 
 def linear_inputs(inputs: Inputs, X: Array) -> Array:
     """(n, F + 1): the columns of X (n, D) that are channels themselves, and a constant."""
-    own: Index = np.array([i for i, column in enumerate(inputs.columns) if not column[3]], dtype=np.int64)
-    return np.hstack([X[:, own], np.ones((len(X), 1))])
+    columns: Index = np.array([i for i, column in enumerate(inputs.columns) if not column[3]], dtype=np.int64)
+    return np.hstack([X[:, columns], np.ones((len(X), 1))])
 
 
 def linear_weights(L: Array, command: Array, usable: Mask) -> Array:
@@ -84,7 +84,7 @@ def linear_weights(L: Array, command: Array, usable: Mask) -> Array:
     if usable.all():
         return np.asarray(np.linalg.lstsq(L, command, rcond=None)[0])
     pairs = zip(command.T, usable.T, strict=True)
-    return np.stack([np.linalg.lstsq(L[own], y[own], rcond=None)[0] for y, own in pairs], axis=1)
+    return np.stack([np.linalg.lstsq(L[mask], y[mask], rcond=None)[0] for y, mask in pairs], axis=1)
 
 
 def at_rest(log: Log) -> Log:

@@ -20,7 +20,7 @@ class Means:
 
     def __init__(self, log: Log, *, static: bool = False) -> None:
         self.log, self._static = log, static
-        self._known: dict[int, Array] = {}
+        self._predictions: dict[int, Array] = {}
 
     def of(self, candidate: Candidate) -> Array:
         """(n, m) mean function of a candidate, its process's offset included."""
@@ -31,9 +31,9 @@ class Means:
 
     def alone(self, mean: Mean, commands: Sequence[int]) -> Array:
         """(n, m) of a mean function by itself, of those commands."""
-        if id(mean) not in self._known:
-            self._known[id(mean)] = mean.static(self.log) if self._static else mean.predict(self.log)
-        return self._known[id(mean)][:, list(commands)]
+        if id(mean) not in self._predictions:
+            self._predictions[id(mean)] = mean.static(self.log) if self._static else mean.predict(self.log)
+        return self._predictions[id(mean)][:, list(commands)]
 
 
 def is_physical(candidate: Candidate) -> bool:
@@ -81,8 +81,8 @@ def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
     """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
     process = candidate.process
     assert process is not None
-    own = process.rests if isinstance(process, SupportsRestNoise) else ()
-    return own or [()] * len(candidate.commands)
+    rests = process.rests if isinstance(process, SupportsRestNoise) else ()
+    return rests or [()] * len(candidate.commands)
 
 
 def noise_of(candidate: Candidate, X: Array) -> Array:
@@ -98,5 +98,5 @@ def outputs(candidate: Candidate, X: Array) -> Array:
     """(n, m) of a process in command units."""
     process = candidate.process
     assert process is not None
-    found = process.mean(X) if isinstance(process, SupportsMeans) else process.predict(X)[0]
-    return np.asarray(candidate.units[1] * found)
+    values = process.mean(X) if isinstance(process, SupportsMeans) else process.predict(X)[0]
+    return np.asarray(candidate.units[1] * values)

@@ -25,7 +25,7 @@ from etude.models.accuracy import PredictionScore, figures, prediction_score, tr
 from etude.models.change.change_detection import independence, student_freedom
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
-from etude.models.data.fit_data import Folds, Rows, in_order, judged_samples, rows_of
+from etude.models.data.fit_data import Folds, Rows, in_order, rows_of, scored_samples
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.candidate_errors import CandidateErrors
@@ -61,7 +61,7 @@ OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp"
 LEAST_CALIBRATED = 4
 """Trajectories from which z² of those held out tells how wrong a new one will be; widths hold from
 `LEAST_LOGS` on."""
-OWN = tuple(name for name, member in CANDIDATES.items() if member.own)
+OWN_DATA = tuple(name for name, member in CANDIDATES.items() if member.own_data)
 """Candidates with samples and physics of their own, where these may be so."""
 STRUCTURES = 0.3
 """About the part of the time that the structures take; the rest is that of the candidates beside them."""
@@ -122,10 +122,10 @@ def select_structures(
     """
     folds = _folds(samples, inputs, limit, config, held)
     offered = _offered(config, physics)
-    known = {"linear": LinearPhysics(folds.inputs), **physics}
+    all_physics = {"linear": LinearPhysics(folds.inputs), **physics}
     names = dict.fromkeys(["linear", *(base_of(structure) for structure in offered)])
-    bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
-    sources = _sources(folds, known)
+    bases = {name: fitted_base(folds, name, all_physics[name]) for name in names if name}
+    sources = _sources(folds, all_physics)
     defaults, groups = _of_defaults(folds, sources), []
     with part(STRUCTURES):
         for group in counted(folds.groups):
@@ -148,11 +148,11 @@ def prequential(
         trained: what it had seen, for the log loss.
         together: name of one more score where several structures are in use: of these; "": none.
     """
-    told = model.posteriors(new.log)
-    mixed = told.pop("")
+    predictions = model.posteriors(new.log)
+    mixed = predictions.pop("")
     if together and len(model.in_use) > 1:
-        told[together] = mixed
-    return {name: prediction_score(new, *found, trained) for name, found in told.items()}
+        predictions[together] = mixed
+    return {name: prediction_score(new, *moments, trained) for name, moments in predictions.items()}
 
 
 def _folds(
@@ -183,29 +183,37 @@ def _folds(
             next_step="Repair the log, or turn the input off that it lacks.",
         )
     fold = fold_numbers(samples, config.stretch_s)
-    judged = judged_samples(samples) if config.stacks else None
+    scored = scored_samples(samples) if config.stacks else None
     config = config.for_commands(len(commands))
-    return Folds(samples, inputs, X, fold, limit, config, commands, held, judged)
+    return Folds(samples, inputs, X, fold, limit, config, commands, held, scored)
 
 
 def _sources(folds: Folds, physics: Mapping[str, Physics]) -> Sources:
     """Candidates with samples and physics of their own, as far as these may be so: what slow samples tell,
     and what returns with a joint's position.
     """
-    own: object = physics.get("identified")
-    config, told = folds.config, dict[str, tuple[Samples, Physics]]()
+    identified: object = physics.get("identified")
+    config, data = folds.config, dict[str, tuple[Samples, Physics]]()
     if not (config.stacks and config.averages):
         return {}
-    names = [name for name in config.candidates if name in OWN and CANDIDATES[name].offered(folds, ())]
-    if "slow" in names and isinstance(own, SupportsSlow) and (slow := own.slow(folds.samples)) is not None:
-        told["slow"] = slow, physics["identified"]
-    if "ripple" in names and isinstance(own, SupportsRipple) and (rippled := own.rippled(folds.samples)):
-        told["ripple"] = rippled
-    found = {}
-    for name, (samples, one) in told.items():
+    names = [name for name in config.candidates if name in OWN_DATA and CANDIDATES[name].offered(folds, ())]
+    if (
+        "slow" in names
+        and isinstance(identified, SupportsSlow)
+        and (slow := identified.slow(folds.samples)) is not None
+    ):
+        data["slow"] = slow, physics["identified"]
+    if (
+        "ripple" in names
+        and isinstance(identified, SupportsRipple)
+        and (rippled := identified.rippled(folds.samples))
+    ):
+        data["ripple"] = rippled
+    sources = {}
+    for name, (samples, one) in data.items():
         source = replace(folds, samples=samples)
-        found[name] = source, fitted_base(source, "identified", one)
-    return found
+        sources[name] = source, fitted_base(source, "identified", one)
+    return sources
 
 
 def _of_defaults(folds: Folds, sources: Sources) -> Folds:
@@ -246,47 +254,47 @@ def _train_group(
 ) -> dict[str, LearnedStructure]:
     """Every structure of a group, the first the one that is taken if nothing was held out."""
     auto = folds.config.rung == "auto"
-    found: dict[str, LearnedStructure] = {}
+    trained: dict[str, LearnedStructure] = {}
 
     def process(structure: str) -> LearnedStructure:
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
         single = len(group) == 1 and len(folds.numbers) > 1
-        wanted = compared_samples(folds, group[0]) if single and folds.config.weighs else None
-        return with_process(folds, group, rows, structure, base, start, rng, wanted)
+        compared = compared_samples(folds, group[0]) if single and folds.config.weighs else None
+        return with_process(folds, group, rows, structure, base, start, rng, compared)
 
     late = ["linear+gp"] if auto else []
     for structure in [
         structure for structure in offered if structure.endswith("gp") and structure not in late
     ]:
-        found[structure] = process(structure)
-    if auto and _loses(folds, group, rows, found, bases):
-        found["linear+gp"] = process("linear+gp")
+        trained[structure] = process(structure)
+    if auto and _loses(folds, group, rows, trained, bases):
+        trained["linear+gp"] = process("linear+gp")
     for structure in [structure for structure in offered if not structure.endswith("gp")]:
         twins = (f"{structure}+gp", *(() if structure == "linear" else ("identified+gp",)), "gp")
-        twin = next((twin for twin in twins if twin in found), None)
+        twin = next((twin for twin in twins if twin in trained), None)
         if twin is None:
             twin = f"{structure}+gp"
-            found[twin] = process(twin)
-        found[structure] = alone(folds, group, rows, structure, bases[structure], found[twin].candidate)
-    order = [structure for structure in (*offered, *found) if structure in found]
-    return {structure: found[structure] for structure in dict.fromkeys(order)}
+            trained[twin] = process(twin)
+        trained[structure] = alone(folds, group, rows, structure, bases[structure], trained[twin].candidate)
+    order = [structure for structure in (*offered, *trained) if structure in trained]
+    return {structure: trained[structure] for structure in dict.fromkeys(order)}
 
 
 def _loses(
     folds: Folds,
     group: tuple[int, ...],
     rows: Rows,
-    found: Mapping[str, LearnedStructure],
+    trained: Mapping[str, LearnedStructure],
     bases: Mapping[str, Base],
 ) -> bool:
     """Whether linear regression predicts a command of the group better than everything else."""
     if folds.trajectories < TRAJECTORIES:
         return False
-    held = {structure: learned.held for structure, learned in found.items()}
+    held = {structure: learned.held for structure, learned in trained.items()}
     for name, base in bases.items():
         held[name] = rows_only(base.held_out(folds), group, rows)
-    errors = {structure: own.errors(folds.config.choose_by) for structure, own in held.items()}
+    errors = {structure: held_out.errors(folds.config.choose_by) for structure, held_out in held.items()}
     best = np.fmin.reduce([error for name, error in errors.items() if name != "linear"])
     return bool(np.any(errors["linear"] < best))
 
@@ -301,11 +309,11 @@ def _assembled(
 
     every: all candidates, the defaults of the groups first; none where these are all and one is chosen.
     """
-    defaults = [own for group in groups for own in group.values()]
+    defaults = [learned for group in groups for learned in group.values()]
     averaged = averages(folds, every, len(defaults)) if every else {}
     held = _held_of_structures(folds, defaults, every, averaged, linear)
     pairs = list(zip(folds.groups, groups, strict=True))
-    trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
+    trained = [list(learned) for j in range(len(folds.commands)) for group, learned in pairs if j in group]
     chosen = choices(folds, trained, held)
     mixture = _mixture(folds, defaults, every, averaged, held, chosen)
     single = {j: name for j, name in enumerate(chosen) if j not in mixture.stacked}
@@ -313,11 +321,11 @@ def _assembled(
     width = _width(folds, mixture, least)
     spread = mixture.variance * width
     warnings = (*notes(folds), *warnings_of(folds, trained, single, held))
-    known = _model(folds, mixture.candidates, mixture.error, spread)
-    model = replace(known, least=least, width=width, warnings=warnings)
-    errors = {structure: own.errors(folds.config.choose_by) for structure, own in held.items()}
+    fitted = _model(folds, mixture.candidates, mixture.error, spread)
+    model = replace(fitted, least=least, width=width, warnings=warnings)
+    errors = {name: one.errors(folds.config.choose_by) for name, one in held.items()}
     trivial = trivial_prediction(folds.samples)
-    scores = {structure: _score(folds, own, trivial) for structure, own in held.items()}
+    scores = {name: _score(folds, one, trivial) for name, one in held.items()}
     of_choice = HeldOut(mixture.error, spread, folds.fold)
     return ModelSelection(model, errors, held, scores, of_choice, folds.samples, folds.judge)
 
@@ -330,15 +338,19 @@ def _held_of_structures(
     linear: Base,
 ) -> dict[str, HeldOut]:
     """By structure, for all commands; linear regression too if it was not offered."""
-    errors = every[: len(defaults)] if folds.config.stacks else [CandidateErrors.of(own) for own in defaults]
+    errors = (
+        every[: len(defaults)]
+        if folds.config.stacks
+        else [CandidateErrors.of(learned) for learned in defaults]
+    )
     held = _joined(folds, errors) | {structure: average.held for structure, average in averaged.items()}
-    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.asked).at(_judged(held)))
+    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.error_mask).at(_scored_rows(held)))
     return held
 
 
-def _judged(held: Mapping[str, HeldOut]) -> Mask:
-    """(n, J) where some structure was judged."""
-    return np.asarray(np.any([np.isfinite(own.error) for own in held.values()], axis=0))
+def _scored_rows(held: Mapping[str, HeldOut]) -> Mask:
+    """(n, J) where some structure was scored."""
+    return np.asarray(np.any([np.isfinite(held_out.error) for held_out in held.values()], axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,7 +358,7 @@ class _Mixture:
     """The candidates that a model keeps, and what their weighted mean says of held-out samples.
 
     Attributes:
-        candidates: with their weights. error, variance: (n, J); NaN where nothing was judged.
+        candidates: with their weights. error, variance: (n, J); NaN where nothing was scored.
         stacked: commands whose weights are those of stacking; the others use the chosen structure.
     """
 
@@ -370,11 +382,11 @@ def _mixture(
     parts = [one.part for one in every] or defaults
     shares = _shares(parts, averaged.values(), len(chosen))
     weights = shares * [[float(part.candidate.structure == name) for name in chosen] for part in parts]
-    judged, stacked = _judged(held), stacks(folds, every)
+    scored, stacked = _scored_rows(held), stacks(folds, every)
     for j, stack in stacked.items():
         weights[:, j] = stack.weights
-        own = left_out(stack, every, j, folds.fold)
-        error[:, j], variance[:, j] = (np.where(judged[:, j], values, np.nan) for values in own)
+        predicted = left_out(stack, every, j, folds.fold)
+        error[:, j], variance[:, j] = (np.where(scored[:, j], values, np.nan) for values in predicted)
     used = [k for k in range(len(parts)) if k < len(defaults) or weights[k].any() or shares[k].any()]
     candidates = tuple(_weighed(parts[k].candidate, shares[k], weights[k]) for k in used)
     return _Mixture(candidates, error, variance, frozenset(stacked))
@@ -386,8 +398,8 @@ def _width(folds: Folds, mixture: _Mixture, least: Array | None) -> Array:
     if not (folds.config.calibrate and folds.config.stacks):
         return np.ones(count)
     doubted = np.zeros(count, dtype=np.bool_) if least is None else least > 0.0
-    found = widths(mixture.error, mixture.variance, folds.fold, folds.trajectories)
-    return np.where(doubted, 1.0, found)
+    factors = widths(mixture.error, mixture.variance, folds.fold, folds.trajectories)
+    return np.where(doubted, 1.0, factors)
 
 
 def _model(
@@ -414,43 +426,45 @@ def _model(
 
 def _shares(parts: Sequence[LearnedStructure], averaged: Collection[Average], J: int) -> Array:
     """(K, J) weights of candidates within their structures; 1 of one that is alone in it."""
-    known = {id(own): share for one in averaged for own, share in zip(one.parts, one.shares, strict=True)}
-    several = {own.candidate.structure for one in averaged for own in one.parts}
-    found = np.zeros((len(parts), J))
-    for row, own in zip(found, parts, strict=True):
-        single = float(own.candidate.structure not in several)
-        row[list(own.candidate.commands)] = known.get(id(own), single)
-    return found
+    share_by_id = {
+        id(learned): share for one in averaged for learned, share in zip(one.parts, one.shares, strict=True)
+    }
+    several = {learned.candidate.structure for one in averaged for learned in one.parts}
+    weights = np.zeros((len(parts), J))
+    for row, learned in zip(weights, parts, strict=True):
+        single = float(learned.candidate.structure not in several)
+        row[list(learned.candidate.commands)] = share_by_id.get(id(learned), single)
+    return weights
 
 
 def _weighed(candidate: EnsembleMember, share: Array, weight: Array) -> EnsembleMember:
     """With its weights in the answer and within its structure, each (J,)."""
-    own = list(candidate.commands)
-    return replace(candidate, weights=weight[own], share=share[own])
+    outputs = list(candidate.commands)
+    return replace(candidate, weights=weight[outputs], share=share[outputs])
 
 
-def _joined(folds: Folds, told: Sequence[CandidateErrors]) -> dict[str, HeldOut]:
+def _joined(folds: Folds, errors: Sequence[CandidateErrors]) -> dict[str, HeldOut]:
     """By structure, what its default candidates say of all commands; NaN where it was not trained."""
     held: dict[str, HeldOut] = {}
-    for one in told:
+    for one in errors:
         candidate = one.part.candidate
         error, variance = (np.full_like(folds.samples.command, np.nan) for _ in range(2))
-        own = held.setdefault(candidate.structure, HeldOut(error, variance, folds.fold))
+        held_out = held.setdefault(candidate.structure, HeldOut(error, variance, folds.fold))
         columns = list(candidate.commands)
-        own.error[:, columns], own.variance[:, columns] = one.error, one.variance
+        held_out.error[:, columns], held_out.variance[:, columns] = one.error, one.variance
     return held
 
 
 def _score(folds: Folds, held: HeldOut, trivial: Array) -> PredictionScore:
     """Of predictions that were held out."""
     use, command = np.isfinite(held.error), folds.judge
-    found = figures(command, np.where(use, command - held.error, 0.0), held.variance, use, trivial)
-    return PredictionScore(**vars(found), usable=found)
+    values = figures(command, np.where(use, command - held.error, 0.0), held.variance, use, trivial)
+    return PredictionScore(**vars(values), usable=values)
 
 
 def _student(error: Array, variance: Array) -> StudentT | None:
-    known = np.isfinite(error)
-    return fit_student(error[known] / np.sqrt(variance[known]))
+    finite = np.isfinite(error)
+    return fit_student(error[finite] / np.sqrt(variance[finite]))
 
 
 PHYSICS = ("identified", "nominal", "linear")
@@ -493,11 +507,11 @@ class CrossValidationResiduals:
 
 def residuals_of(selection: ModelSelection) -> CrossValidationResiduals:
     """Those samples of a training of which something was said."""
-    found = selection.left_out
+    held = selection.left_out
     structure, physics = _before(selection)
-    rows = np.flatnonzero(np.isfinite(found.error).any(axis=1))
-    own = found.error[rows], found.variance[rows]
-    return CrossValidationResiduals(rows, selection.samples.group[rows], *own, physics[rows], structure)
+    rows = np.flatnonzero(np.isfinite(held.error).any(axis=1))
+    moments = held.error[rows], held.variance[rows]
+    return CrossValidationResiduals(rows, selection.samples.group[rows], *moments, physics[rows], structure)
 
 
 SAME = 0.05
@@ -508,16 +522,16 @@ def _before(selection: ModelSelection) -> tuple[str, Array]:
     """What the choice is compared with, and its errors (n, J): physics alone; of commands that are no more
     than these, what there was before. A model is not held against itself.
     """
-    own = selection.left_out.error
+    errors = selection.left_out.error
     first = next(name for name in PHYSICS if name in selection.held_out)
     names = [name for name in dict.fromkeys((first, "nominal")) if name in selection.held_out]
-    known = [(name, selection.held_out[name].error) for name in names] + [(CONSTANT, _constant(selection))]
-    found, used = np.empty_like(own), []
-    for j, error in enumerate(own.T):
-        other = next(pair for pair in known if pair[0] == CONSTANT or not _is_same(error, pair[1][:, j]))
-        found[:, j] = other[1][:, j]
+    rivals = [(name, selection.held_out[name].error) for name in names] + [(CONSTANT, _constant(selection))]
+    rival_errors, used = np.empty_like(errors), []
+    for j, error in enumerate(errors.T):
+        other = next(pair for pair in rivals if pair[0] == CONSTANT or not _is_same(error, pair[1][:, j]))
+        rival_errors[:, j] = other[1][:, j]
         used.append(other[0])
-    return next(name for name, _ in known if name in used), found
+    return next(name for name, _ in rivals if name in used), rival_errors
 
 
 def _is_same(error: Array, other: Array) -> bool:
@@ -530,12 +544,12 @@ def _is_same(error: Array, other: Array) -> bool:
 def _constant(selection: ModelSelection) -> Array:
     """(n, J) errors of a constant command, the mean of the other folds."""
     command, fold, error = selection.judge, selection.left_out.fold, selection.left_out.error
-    known = np.where(np.isfinite(error), command, np.nan)
-    left = np.full_like(known, np.nan)
+    scored = np.where(np.isfinite(error), command, np.nan)
+    left = np.full_like(scored, np.nan)
     for number in np.unique(fold):
-        own = fold == number
-        means = [fold_mean(column) for column in known[~own].T]
-        left[own] = known[own] - np.array(means)
+        in_fold = fold == number
+        means = [fold_mean(column) for column in scored[~in_fold].T]
+        left[in_fold] = scored[in_fold] - np.array(means)
     return left
 
 
@@ -546,10 +560,10 @@ def read_residuals(path: Path) -> CrossValidationResiduals:
         DataError: no such file, or a damaged one.
     """
     try:
-        found = arrays_of(path.read_bytes())
+        stored = arrays_of(path.read_bytes())
         names = {key: name for name, key in KEYS.items()}
-        own = {names.get(key, key): value for key, value in found.items()}
-        return CrossValidationResiduals(**{**own, "structure": str(own["structure"])})
+        fields = {names.get(key, key): value for key, value in stored.items()}
+        return CrossValidationResiduals(**{**fields, "structure": str(fields["structure"])})
     except DAMAGE as error:
         raise DataError(
             f"what was held out cannot be read ({error})",

@@ -38,8 +38,8 @@ def choices(folds: Folds, trained: Sequence[Sequence[str]], held: Mapping[str, H
     power = 1 if config.choose_by == "absolute" else 2
     rounding = (np.sqrt(ROUNDING) * np.sqrt(np.mean(command**2, axis=0))) ** power
     spread = np.maximum(command.std(axis=0) ** power, np.maximum(rounding, np.finfo(float).tiny))
-    votes = {structure: own.votes(config.choose_by) for structure, own in held.items()}
-    reference = _reference(folds, trained, {structure: own / spread for structure, own in votes.items()})
+    votes = {structure: held_out.votes(config.choose_by) for structure, held_out in held.items()}
+    reference = _reference(folds, trained, {structure: vote / spread for structure, vote in votes.items()})
     return tuple(
         _choice(
             {structure: votes[structure][:, j] for structure in _competing(folds, structures)},
@@ -56,7 +56,8 @@ def _reference(folds: Folds, trained: Sequence[Sequence[str]], votes: Mapping[st
     common = [r for r in _competing(folds, trained[0]) if all(r in structures for structures in trained)]
     physics = [structure for structure in common if structure in PHYSICAL]
     relative = {
-        structure: fold_mean(np.array([fold_mean(own) for own in votes[structure].T])) for structure in common
+        structure: fold_mean(np.array([fold_mean(vote) for vote in votes[structure].T]))
+        for structure in common
     }
     if folds.config.replace == "every" and physics:
         best = _least({structure: relative[structure] for structure in physics}, 0.0)
@@ -73,33 +74,33 @@ def _reference(folds: Folds, trained: Sequence[Sequence[str]], votes: Mapping[st
 def _choice(votes: Mapping[str, Array], reference: str, rounding: float, replace: str) -> str:
     """The structure with the least error of the folds (F,) among those that may replace the reference."""
     wins = _on_every_fold if replace == "every" else _beyond_chance
-    better = [structure for structure, own in votes.items() if wins(own, votes[reference])]
+    better = [structure for structure, vote in votes.items() if wins(vote, votes[reference])]
     return _least({structure: fold_mean(votes[structure]) for structure in (reference, *better)}, rounding)
 
 
-def _beyond_chance(own: Array, reference: Array) -> bool:
+def _beyond_chance(errors: Array, reference: Array) -> bool:
     """Whether the folds are predicted better than by the reference, by more than the differences scatter."""
-    difference = (own - reference)[np.isfinite(own - reference)]
+    difference = (errors - reference)[np.isfinite(errors - reference)]
     if len(difference) < 2:
         return False
     error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
     return bool(np.mean(difference) < -CHANCE * error)
 
 
-def _on_every_fold(own: Array, reference: Array) -> bool:
+def _on_every_fold(errors: Array, reference: Array) -> bool:
     """Whether each of several folds is predicted better than by the reference."""
-    difference = (own - reference)[np.isfinite(own - reference)]
+    difference = (errors - reference)[np.isfinite(errors - reference)]
     return len(difference) >= 2 and bool(np.all(difference < 0.0))
 
 
 def _competing(folds: Folds, structures: Sequence[str]) -> list[str]:
     """Those of the structures that may be chosen, as few trajectories say little."""
     if folds.trajectories >= TRAJECTORIES:
-        found = list(structures)
+        allowed = list(structures)
     else:
-        found = [structure for structure in structures if not structure.startswith("linear")]
-    physics = [structure for structure in found if structure in PHYSICAL]
-    return physics if physics and folds.trajectories < folds.config.process_from else found
+        allowed = [structure for structure in structures if not structure.startswith("linear")]
+    physics = [structure for structure in allowed if structure in PHYSICAL]
+    return physics if physics and folds.trajectories < folds.config.process_from else allowed
 
 
 def _least(errors: Mapping[str, float], rounding: float) -> str:
@@ -121,8 +122,8 @@ def warnings_of(
 
     chosen: by command the structure alone in use.
     """
-    found = []
-    squared = {structure: own.errors("squared") for structure, own in held.items()}
+    notices = []
+    squared = {structure: held_out.errors("squared") for structure, held_out in held.items()}
     for j, structure in chosen.items():
         structures = trained[j]
         rival = "gp" if structure.startswith("linear") and "gp" in structures else structure
@@ -133,8 +134,8 @@ def warnings_of(
             continue
         ratio = float(np.sqrt(error / max(linear, np.finfo(float).tiny)))
         code, step = _outcome(folds, structure)
-        found.append(Notice(code, {"command": folds.commands[j], "ratio": ratio}, step))
-    return tuple(found)
+        notices.append(Notice(code, {"command": folds.commands[j], "ratio": ratio}, step))
+    return tuple(notices)
 
 
 def _outcome(folds: Folds, structure: str) -> tuple[Warn, NextStep | None]:
@@ -163,8 +164,8 @@ def insufficient_data(folds: Folds) -> Mask:
     """
     samples, stretch = folds.samples, folds.config.stretch_s
     seconds = seconds_of(samples)
-    own = seconds * np.mean(samples.usable & samples.moving, axis=0)
-    few = (own < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch)
+    moving_s = seconds * np.mean(samples.usable & samples.moving, axis=0)
+    few = (moving_s < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch)
     return np.asarray(few if folds.held is None else few | folds.held)
 
 
@@ -178,14 +179,16 @@ def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | Non
     if not (few.any() and folds.config.calibrate):
         return None
     samples = folds.samples
-    seen = np.nanvar(np.where(samples.usable, samples.command, np.nan), axis=0)
-    least = np.maximum(seen, (DOUBT * folds.limit) ** 2)
+    variance = np.nanvar(np.where(samples.usable, samples.command, np.nan), axis=0)
+    least = np.maximum(variance, (DOUBT * folds.limit) ** 2)
     for candidate in candidates:
         assert candidate.process is not None
         prior = candidate.process.noise_variance + candidate.process.signal_variance
-        own = list(candidate.commands)
-        least[own] = np.where(
-            candidate.weights > 0.0, np.maximum(least[own], candidate.units[1] ** 2 * prior), least[own]
+        outputs = list(candidate.commands)
+        least[outputs] = np.where(
+            candidate.weights > 0.0,
+            np.maximum(least[outputs], candidate.units[1] ** 2 * prior),
+            least[outputs],
         )
     return np.where(few, least, 0.0)
 

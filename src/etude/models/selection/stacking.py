@@ -78,63 +78,69 @@ class Moments:
     @staticmethod
     def of(every: Sequence[CandidateErrors], j: int, fold: Index) -> Moments | None:
         """Of command j; None where fewer than two logs say something."""
-        own_places, error, _ = of_command(every, j)
+        members, error, _ = of_command(every, j)
         there = np.isfinite(error).any(axis=1)
-        places, error = np.array(own_places)[there], error[there]
-        known: Mask = np.asarray(np.isfinite(error).all(axis=0))
-        logs = [g for g in np.unique(fold[known]).tolist() if np.sum(known & (fold == g)) >= LEAST_ROWS]
+        places, error = np.array(members)[there], error[there]
+        finite: Mask = np.asarray(np.isfinite(error).all(axis=0))
+        logs = [g for g in np.unique(fold[finite]).tolist() if np.sum(finite & (fold == g)) >= LEAST_ROWS]
         if len(logs) < LEAST_LOGS:
             return None
-        rows = [error[:, known & (fold == g)] for g in logs]
-        hard = np.median(error[:, known] ** 2, axis=0)
+        rows = [error[:, finite & (fold == g)] for g in logs]
+        hard = np.median(error[:, finite] ** 2, axis=0)
         usual = max(HARD * float(np.median(hard)), float(np.finfo(float).tiny))
-        grams = np.stack([_mean_products(own, usual) for own in rows])
+        grams = np.stack([_mean_products(log_errors, usual) for log_errors in rows])
         level = float(np.median(np.einsum("gcc->gc", grams).min(axis=1)))
         unit = max(level, float(np.finfo(float).tiny))
-        counts = np.array([own.shape[1] for own in rows], dtype=float)
+        counts = np.array([log_errors.shape[1] for log_errors in rows], dtype=float)
         return Moments(tuple(every[k].key for k in places), places, tuple(logs), grams / unit, counts)
 
     def of_keys(self, keys: Sequence[tuple[str, str]]) -> Array:
         """(G, c, c) of some candidates."""
-        own = [self.keys.index(key) for key in keys]
-        return self.grams[:, own][:, :, own]
+        places = [self.keys.index(key) for key in keys]
+        return self.grams[:, places][:, :, places]
 
 
 def stacks(folds: Folds, every: Sequence[CandidateErrors]) -> dict[int, Stack]:
     """By command its stack, where there is one."""
     if not is_stacked(folds):
         return {}
-    told = {j: Moments.of(every, j, folds.fold) for j in range(len(folds.commands))}
-    known = {j: own for j, own in told.items() if own is not None}
-    return {j: stacked(own, [known[i] for i in known if i != j], len(every)) for j, own in known.items()}
+    by_command = {j: Moments.of(every, j, folds.fold) for j in range(len(folds.commands))}
+    present = {j: moments for j, moments in by_command.items() if moments is not None}
+    return {
+        j: stacked(moments, [present[i] for i in present if i != j], len(every))
+        for j, moments in present.items()
+    }
 
 
-def stacked(own: Moments, others: Sequence[Moments], count: int) -> Stack:
+def stacked(moments: Moments, others: Sequence[Moments], count: int) -> Stack:
     """The stack of one of `count` candidates' commands; others: of the other commands."""
-    beside = [other for other in others if set(own.keys) <= set(other.keys)]
+    beside = [other for other in others if set(moments.keys) <= set(other.keys)]
     parts = []
-    for log in own.logs:
-        mine = np.array([g != log for g in own.logs])
-        terms = [(own.grams[mine], own.counts[mine] / own.counts[mine].sum())]
+    for log in moments.logs:
+        mine = np.array([g != log for g in moments.logs])
+        terms = [(moments.grams[mine], moments.counts[mine] / moments.counts[mine].sum())]
         for other in beside:
-            rest = np.array([g != log for g in other.logs])
-            part = OTHERS / (len(own.logs) * len(beside))
+            remaining = np.array([g != log for g in other.logs])
+            part = OTHERS / (len(moments.logs) * len(beside))
             terms.append(
-                (other.of_keys(own.keys)[rest], part * other.counts[rest] / other.counts[rest].sum())
+                (
+                    other.of_keys(moments.keys)[remaining],
+                    part * other.counts[remaining] / other.counts[remaining].sum(),
+                )
             )
         parts.append(combined(*(np.concatenate(values) for values in zip(*terms, strict=True))))
     whole = np.mean(parts, axis=0)
-    if len(own.logs) == LEAST_LOGS:
-        grams = np.concatenate([own.grams, *(other.of_keys(own.keys) for other in beside)])
+    if len(moments.logs) == LEAST_LOGS:
+        grams = np.concatenate([moments.grams, *(other.of_keys(moments.keys) for other in beside)])
         best = np.argmin(geometric(grams, np.ones(len(grams))))
         whole = (1.0 - SHRINK) * whole + SHRINK * (np.arange(len(whole)) == best)
 
     def placed(weights: Array) -> Array:
-        found = np.zeros(count)
-        found[own.places] = pruned(weights)
-        return found
+        full = np.zeros(count)
+        full[moments.places] = pruned(weights)
+        return full
 
-    return Stack(placed(whole), {g: placed(part) for g, part in zip(own.logs, parts, strict=True)})
+    return Stack(placed(whole), {g: placed(part) for g, part in zip(moments.logs, parts, strict=True)})
 
 
 def _mean_products(error: Array, usual: float) -> Array:
@@ -147,20 +153,20 @@ def combined(grams: Array, counts: Array) -> Array:
     """(C,) weights by second moments (G, C, C) of errors in each log, and what each counts (G,)."""
     means = geometric(grams, counts)
     use = np.flatnonzero(means <= FAR_WORSE * means.min())
-    own = grams[:, use[:, None], use]
-    found = np.full(len(use), 1.0 / len(use))
+    selected = grams[:, use[:, None], use]
+    shares = np.full(len(use), 1.0 / len(use))
     for _ in range(PASSES):
-        levels = np.einsum("c,gcd,d->g", found, own, found) + FLOOR
-        found = least(np.einsum("g,gcd->cd", counts / levels, own))
+        levels = np.einsum("c,gcd,d->g", shares, selected, shares) + FLOOR
+        shares = least(np.einsum("g,gcd->cd", counts / levels, selected))
     weights = np.zeros(grams.shape[1])
-    weights[use] = found
+    weights[use] = shares
     return weights
 
 
 def pruned(weights: Array) -> Array:
     """(C,) without those that weigh little."""
-    kept = np.where(weights >= min(PRUNED, float(weights.max())), weights, 0.0)
-    return np.asarray(kept / kept.sum())
+    large = np.where(weights >= min(PRUNED, float(weights.max())), weights, 0.0)
+    return np.asarray(large / large.sum())
 
 
 def geometric(grams: Array, counts: Array) -> Array:
@@ -181,8 +187,8 @@ def least(square: Array) -> Array:
     values, vectors = np.linalg.eigh(scaled)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     rows = np.vstack([root, np.ones(len(square))])
-    found = nnls(rows, np.append(np.zeros(len(square)), 1.0))[0]
-    return np.asarray(found / found.sum())
+    solution = nnls(rows, np.append(np.zeros(len(square)), 1.0))[0]
+    return np.asarray(solution / solution.sum())
 
 
 def left_out(stack: Stack, every: Sequence[CandidateErrors], j: int, fold: Index) -> tuple[Array, Array]:

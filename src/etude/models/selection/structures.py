@@ -40,10 +40,10 @@ def base_of(structure: str) -> str:
 
 def rows_only(held: HeldOut, group: tuple[int, ...], rows: Rows) -> HeldOut:
     """The commands of a group at the samples kept, so that all structures are compared on the same."""
-    own = list(group)
-    use = np.zeros((len(held.error), len(own)), dtype=np.bool_)
+    outputs = list(group)
+    use = np.zeros((len(held.error), len(outputs)), dtype=np.bool_)
     use[rows.kept] = True
-    return HeldOut(held.error[:, own], held.variance[:, own], held.fold).at(use)
+    return HeldOut(held.error[:, outputs], held.variance[:, outputs], held.fold).at(use)
 
 
 def earlier_of(
@@ -57,8 +57,8 @@ def earlier_of(
         return None
     if folds.trajectories < folds.config.warm_from:
         return None
-    own = [c for c in previous.candidates if c.structure == structure and c.commands == group]
-    return next((c for c in own if name_of(c) == name), None)
+    candidates = [c for c in previous.candidates if c.structure == structure and c.commands == group]
+    return next((c for c in candidates if name_of(c) == name), None)
 
 
 def with_process(
@@ -69,21 +69,21 @@ def with_process(
     base: Base | None,
     earlier: Candidate | None,
     rng: np.random.Generator,
-    wanted: Mask | None = None,
+    compared: Mask | None = None,
 ) -> LearnedStructure:
     """A process on what the mean function leaves, with the noise floor that predicts best.
 
     From log to log a length may creep to where covariances are no longer computed exactly. Where training
     from the earlier candidate fails, it begins anew from the data.
 
-    wanted: (n,) samples that it is asked about too, without their folds, while it still has them at hand.
+    compared: (n,) further samples that it predicts without their folds, while it still holds its data.
     """
     try:
-        return _with_process(folds, group, rows, structure, base, earlier, rng, wanted)
+        return _with_process(folds, group, rows, structure, base, earlier, rng, compared)
     except NumericalError:
         if earlier is None:
             raise
-        return _with_process(folds, group, rows, structure, base, None, rng, wanted)
+        return _with_process(folds, group, rows, structure, base, None, rng, compared)
 
 
 def _with_process(
@@ -94,14 +94,14 @@ def _with_process(
     base: Base | None,
     earlier: Candidate | None,
     rng: np.random.Generator,
-    wanted: Mask | None,
+    compared: Mask | None,
 ) -> LearnedStructure:
-    config, own, member = folds.config, list(group), member_named(folds.config.process)
-    command = folds.samples.command[:, own]
-    target = command if base is None else command - base.whole[:, own]
+    config, outputs, member = folds.config, list(group), member_named(folds.config.process)
+    command = folds.samples.command[:, outputs]
+    target = command if base is None else command - base.whole[:, outputs]
     start = None if earlier is None else earlier.process
     units, scale, best = units_of(target, rows, config), np.ones(len(group)), -np.inf
-    found: LearnedStructure | None = None
+    learned: LearnedStructure | None = None
     for place, part in enumerate(config.floors):
         down = place > 0 and config.floor_of == "deviation"  # from the optimum of a higher floor
         floor = floor_of(folds, group, rows, units, part)
@@ -116,28 +116,31 @@ def _with_process(
         if config.calibrate:
             scale = held.scale()
         density = held.density(scale)
-        if found is None or density > best:
+        if learned is None or density > best:
             mean = None if base is None else base.mean
             error = held.errors("absolute")
             candidate = EnsembleMember(
                 structure, group, np.zeros(len(group)), mean, process, units, scale, error=error
             )
-            found, best = LearnedStructure(candidate, held, rows, base), density
+            learned, best = LearnedStructure(candidate, held, rows, base), density
         if held_fast:  # the noise is held too
             break
         if config.floor_of == "deviation":
             start = process
-    assert found is not None
-    return found if wanted is None else _also_at(found, folds, wanted)
+    assert learned is not None
+    return learned if compared is None else _also_at(learned, folds, compared)
 
 
-def _also_at(found: LearnedStructure, folds: Folds, wanted: Mask) -> LearnedStructure:
+def _also_at(learned: LearnedStructure, folds: Folds, compared: Mask) -> LearnedStructure:
     """The structure with its held-out errors at those wanted samples that have none yet."""
-    own = found.candidate
-    assert own.process is not None
-    more = replace(found.rows, kept=np.flatnonzero(wanted & ~np.isfinite(found.held.error).all(axis=1)))
+    candidate = learned.candidate
+    assert candidate.process is not None
+    more = replace(learned.rows, kept=np.flatnonzero(compared & ~np.isfinite(learned.held.error).all(axis=1)))
     return replace(
-        found, beside=process_held_out(folds, own.commands, more, own.units, own.process, found.base)
+        learned,
+        beside=process_held_out(
+            folds, candidate.commands, more, candidate.units, candidate.process, learned.base
+        ),
     )
 
 
@@ -145,16 +148,16 @@ def alone(
     folds: Folds, group: tuple[int, ...], rows: Rows, structure: str, base: Base, twin: Candidate
 ) -> LearnedStructure:
     """A mean function by itself; the process of `twin` says where the robot has not been."""
-    own, process, factor = list(group), twin.process, twin.units[1]
+    outputs, process, factor = list(group), twin.process, twin.units[1]
     assert process is not None
     held = base.held_out(folds)
     prior = process.signal_variance + process.noise_variance
     if structure == "linear":  # all that there is to explain
-        command = folds.samples.command[rows.moving][:, own]
+        command = folds.samples.command[rows.moving][:, outputs]
         prior = np.maximum(prior, command.var(axis=0) / factor**2)
-    least = held.variance[0, own] / factor**2
+    least = held.variance[0, outputs] / factor**2
     silent = Silent(process, twin.calibration, least, prior, grows=structure == "linear")
-    nothing, ones = np.zeros(len(own)), np.ones(len(own))
+    nothing, ones = np.zeros(len(outputs)), np.ones(len(outputs))
     units = np.stack([nothing, factor])
     return LearnedStructure(
         EnsembleMember(structure, group, nothing, base.mean, silent, units, ones),

@@ -39,15 +39,15 @@ def widths(error: Array, variance: Array, fold: Index, trajectories: int) -> Arr
 
     fold: (n,) what each sample was left out with; blocks where there is a single trajectory.
     """
-    found = np.ones(error.shape[1])
+    factors = np.ones(error.shape[1])
     for j, (e, v) in enumerate(zip(error.T, variance.T, strict=True)):
-        known = np.isfinite(e) & np.isfinite(v)
-        z2 = e[known] ** 2 / v[known]
-        own = [z2[fold[known] == number] for number in np.unique(fold[known])]
-        means = np.array([np.mean(one) for one in own if len(one) >= LEAST_ROWS])
+        finite = np.isfinite(e) & np.isfinite(v)
+        z2 = e[finite] ** 2 / v[finite]
+        by_fold = [z2[fold[finite] == number] for number in np.unique(fold[finite])]
+        means = np.array([np.mean(one) for one in by_fold if len(one) >= LEAST_ROWS])
         if len(means):
-            found[j] = max(_factor(np.maximum(means, np.finfo(float).tiny), trajectories), NARROWEST)
-    return found
+            factors[j] = max(_factor(np.maximum(means, np.finfo(float).tiny), trajectories), NARROWEST)
+    return factors
 
 
 def _factor(z2: Array, trajectories: int) -> float:
