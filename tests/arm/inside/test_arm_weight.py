@@ -299,11 +299,11 @@ def test_friction_of_the_file_is_in_the_limit_before_the_first_log(tmp_path: Pat
     np.testing.assert_allclose(commands[2], commands[0], atol=1e-12)
 
 
-def vague(size: float) -> SimpleNamespace:
-    """A learned model of the lever that is right, and unsure of `size` N m."""
+def vague(size: float, level: float = LEVEL) -> SimpleNamespace:
+    """A learned model of the lever, which takes `level` N m at home, unsure of `size` N m."""
 
     def posterior(motion: Motion) -> tuple[Array, Array]:
-        weight = LEVEL * np.cos(motion.orders[0])
+        weight = level * np.cos(motion.orders[0])
         return weight, np.full_like(weight, size**2)
 
     return SimpleNamespace(
@@ -324,7 +324,7 @@ def test_a_model_that_is_unsure_at_home_leaves_the_limit_of_before_any_log(tmp_p
         assert isinstance(found, CommandLimit)
         assert (found.source, found.gaps[1:]) == (assumed.source, assumed.gaps[1:])
         assert "too little to be sure of rest at home" in found.gaps[0]
-    weak = commands_of(lever(tmp_path, 0.9 * LEVEL), vague(LEVEL), home)  # type: ignore[arg-type]
-    assert not isinstance(weak, CommandLimit)
+    for level in (2.1 * LEVEL, -2.1 * LEVEL):
+        assert not isinstance(commands_of(spec, vague(LEVEL, level), home), CommandLimit)  # type: ignore[arg-type]
     volts = replace(spec, command_unit="V")
     assert not isinstance(commands_of(volts, vague(LEVEL), home), CommandLimit)  # type: ignore[arg-type]
