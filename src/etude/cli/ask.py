@@ -78,8 +78,8 @@ class Ask(Common):
             *(f"! {notice}" for notice in proposal.certificate.warnings),
             f"Trajectory {proposal.number}, {proposal.duration:g} s: {proposal.status}",
             *_renewed(proposal),
-            table(ROW, _rows([row for row in proposal.certificate.seen if row.upper < math.inf]), keys=2),
-            *_distances([row for row in proposal.certificate.seen if row.upper == math.inf]),
+            table(ROW, _rows([row for row in proposal.certificate.verified if row.upper < math.inf]), keys=2),
+            *_distances([row for row in proposal.certificate.verified if row.upper == math.inf]),
             *_swept(proposal.swept),
             *_control(proposal.certificate),
             f"Proved for all times{_sampled(proposal.certificate)}; {_ends(proposal.certificate)}.",
@@ -103,7 +103,7 @@ class Ask(Common):
             "files": files,
             "certified": proposal.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in proposal.exported},
-            "slack": _slack(proposal.certificate.seen),
+            "slack": _slack(proposal.certificate.verified),
             "way": [] if proposal.approach is None else [str(path) for path in proposal.approach.files],
             "renewed": _renewed(proposal),
             "to_confirm": to_confirm(campaign.spec),
@@ -201,13 +201,13 @@ def _to_confirm(spec: Any) -> list[str]:
 
 def _control(certificate: Certificate) -> list[str]:
     """What the margins of tracking are of."""
-    under = next((row.control for row in certificate.seen if row.control), "")
+    under = next((row.control for row in certificate.verified if row.control), "")
     return [f"Tracking margins: under {under}."] if under else []
 
 
 def _assumed(certificate: Certificate) -> bool:
     """Whether a margin of tracking is somebody's word alone."""
-    return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
+    return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.verified)
 
 
 def _rows(rows: Sequence[Proof]) -> list[list[str]]:
