@@ -6,6 +6,8 @@ noise of encoders and of torques. The model's inputs do not hold the friction ex
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -143,6 +145,7 @@ class SevenJoints:
 def described(payload: float, built: Built = LIGHT) -> World:
     """The arm with that load, kg, from files as somebody would write them."""
     folder = Path(tempfile.mkdtemp(prefix="seven_joints_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)  # physics read it again
     (folder / "seven.xml").write_text(mjcf(payload, built))
     (folder / "seven.toml").write_text(robot_toml(built))
     return World.of(folder / "seven.toml")

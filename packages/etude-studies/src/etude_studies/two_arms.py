@@ -5,6 +5,8 @@ Its links are those of `seven_joints`. It is simulated from its model file with 
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -21,6 +23,7 @@ SHOULDER = 0.2
 def two_arms(joints: int) -> World:
     """The robot with the first `joints` of a1 ... a7, b1 ... b7, from files as somebody would write them."""
     folder = Path(tempfile.mkdtemp(prefix="two_arms_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)  # physics read it again
     (folder / "arms.xml").write_text(mjcf(joints))
     (folder / "arms.toml").write_text(robot_toml(joints))
     return World.of(folder / "arms.toml")
