@@ -5,7 +5,7 @@ feedforward of an arm under its own feedback. What differs from the papers:
 
 - The robot's own PD stays on underneath, and the laws add what they would add to it. It is the K_D s of
   Slotine and Li where its stiffness is the bandwidth times its damping; a stiffer one pulls harder still.
-- A command is asked for before the robot measures, so it acts on what was measured one tick earlier.
+- A command is computed before the robot measures, so it uses the measurement of one tick earlier.
 - Rates, and the accelerations that the second law needs, are differences of the tracking error, smoothed by a
   pole for each derivative; the papers take both as measured. It is this noise that limits how fast the
   second law may learn.
@@ -206,11 +206,11 @@ class AdaptiveController:
         self.weights = self._boxed(self.weights)
 
     def planned(self, motion: Motion) -> Array | None:  # noqa: ARG002
-        """None: it is asked tick by tick."""
+        """None: commands depend on measurements, tick by tick."""
         return None
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
-        """The estimated command (J,) at one instant, clipped; it knows no deviation of it: zeros."""
+        """The estimated command (J,) at one instant, clipped, and zeros as its deviation."""
         if t <= self._time:
             self._tracking = None
         self._time = t

@@ -26,13 +26,13 @@ OPEN = (
 )
 OF_FILE = "Torques: Coulomb and viscous friction are the model file's."
 NO_MOTION = "No motion is possible by the numbers of the model file"
-"""How the sentence begins for which no motion is asked for, as long as it stands in the robot's `confirm`."""
+"""Beginning of a sentence that refuses every motion while the robot's `confirm` contains it."""
 MEND = (
     "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and take the "
     "line about them out of confirm there; that alone, if the limits are not real (a placeholder, a weight "
     "that springs carry): forces are then not verified."
 )
-_known: dict[str, CommandLimit | OpenCommands] = {}
+_cached_limits: dict[str, CommandLimit | OpenCommands] = {}
 
 
 def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit | OpenCommands | None:
@@ -50,7 +50,9 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
     if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     return of_file(
-        _known, spec, lambda: _unless_confirmed(kept_at(held_at(_nominal(spec), home), home), spec, home)
+        _cached_limits,
+        spec,
+        lambda: _unless_confirmed(kept_at(held_at(_nominal(spec), home), home), spec, home),
     )
 
 

@@ -63,17 +63,17 @@ def read(
 
 
 POSES, SEED = 2048, 0
-"""Random poses from which the heaviest is looked for: a robot is always the same."""
+"""Random poses among which the heaviest is searched; the same robot has the same poses."""
 GRID, ROUNDS = 33, 3
 """Positions of a joint that are tried, and how often each joint has its turn."""
 QUANTILE = 0.95
-"""Of what the limits of speed and acceleration ask over random poses, in any direction."""
+"""Quantile of the demand at the limits of speed and acceleration, over random poses and directions."""
 STRONG = 10.0
 """Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
 APART, FAR = 10.0, 100.0
 """Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
 TOO_FEW_JOINTS = 2
-"""Joints of one unit among which nobody can tell by numbers alone which of them is odd."""
+"""Number of joints of one unit among which numbers alone do not show which limit is wrong."""
 MOST_JOINTS = 0.75
 """Of the joints."""
 

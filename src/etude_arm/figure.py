@@ -132,7 +132,7 @@ class _Sticks:
     reaches: tuple[Array, ...]
 
 
-_kept: dict[str, _Sticks] = {}
+_cached_sticks: dict[str, _Sticks] = {}
 
 
 def _sticks(spec: ArmSpec) -> _Sticks:
@@ -151,7 +151,7 @@ def _sticks(spec: ArmSpec) -> _Sticks:
 def figure(spec: ArmSpec, q: Array) -> Figure:
     """Points: the base, the joints in the robot's order, then the tips of joints without a child.
 
-    Around it are the surroundings in the robot file, and the arm's load. Limits of plug-ins ask for figures
+    Around it are the surroundings in the robot file, and the arm's load. Limits of plug-ins make figures
     hundreds of times in a search, so the model file is read once.
 
     Args:
@@ -162,8 +162,8 @@ def figure(spec: ArmSpec, q: Array) -> Figure:
     """
     assert spec.model_file is not None
     if not spec.model_file.is_file():
-        return _drawn(_sticks(spec), spec, q)  # which says so
-    return _drawn(of_file(_kept, spec, lambda: _sticks(spec)), spec, q)
+        return _drawn(_sticks(spec), spec, q)  # raises the error
+    return _drawn(of_file(_cached_sticks, spec, lambda: _sticks(spec)), spec, q)
 
 
 def _drawn(sticks: _Sticks, spec: ArmSpec, q: Array) -> Figure:

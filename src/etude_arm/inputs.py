@@ -27,10 +27,10 @@ With one column, identification stalls at twice the tracking error on an arm wit
 SLOW = 0.02
 """v0 of e as a part of the joint's top speed."""
 SLOWEST = 0.05
-"""Least top speed that a log may tell, a part of the velocity limit."""
+"""Least top speed that `fitted` takes from a log, as a fraction of the velocity limit."""
 FASTEST = 3.0
-"""rad/s (m/s): friction turns over no more slowly in joints that may be faster, or whose file says so. No
-sample tells, slow ones being masked, and reversals would be smeared over seconds."""
+"""rad/s (m/s): largest transition speed of friction. Slow samples are masked, so no sample determines a
+larger one, which would smear reversals over seconds."""
 
 
 def friction_speeds(spec: ArmSpec, fraction: float) -> Array:

@@ -127,7 +127,7 @@ def urdf_limits(tree: UrdfTree) -> Limits:
 
 
 _RATES = (("velocity", "velocity"), ("acceleration", "acceleration"), ("effort", "command"))
-"""URDF 1.2 and Drake's own attribute know accelerations."""
+"""URDF 1.2 and Drake's own attribute have accelerations."""
 
 
 def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tuple[float, float]:

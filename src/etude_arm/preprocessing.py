@@ -44,7 +44,7 @@ LEFT = 2.0
 LEAST_ROWS = 8
 """A stretch of fewer rows cannot be filtered."""
 TARGET_HZ = 10.0
-"""Cutoff of the commands that predictions are judged by: one for all, whatever cutoff learning takes."""
+"""Cutoff of the commands against which predictions are scored: one for all cutoffs of learning."""
 
 
 def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
@@ -219,7 +219,8 @@ WIDER = (5.0, TARGET_HZ)
 CLEARLY = 0.9
 """Error of a wider cutoff over that of the positions' own, at most; more may be chance."""
 ROWS_HZ, BLOCKS, RIDGE = 20.0, 10, 1e-3
-"""Rows a second that it is judged by; parts, every other one predicted from the rest; penalty of a row."""
+"""Rows a second for the score of a cutoff; number of blocks, every other one predicted from the others;
+ridge penalty of a row."""
 STEP, PER_COLUMN, ROWS_EACH = 0.05, 2, 8
 """Part of the top speed within which friction turns round there. Rows for each regressor, and for each period
 of a cutoff, at least."""
@@ -232,7 +233,7 @@ def _wide_enough(grid: Array, q: Array, command: Array, cutoff: float) -> float:
     Lower ones are not tried: regression would then err less where its model is wrong, and processes would err
     more.
     """
-    quick = quick_length(len(grid), least=2)  # it is judged by errors that a few rows hardly change
+    quick = quick_length(len(grid), least=2)  # errors that give its score hardly change with a few rows
     grid, q, command = grid[:quick], q[:quick], command[:quick]
     wider = [hz for hz in WIDER if cutoff < hz <= median_rate(grid) / ROWS_EACH]
     rows = np.flatnonzero((grid - grid[0] > 1.0 / cutoff) & (grid[-1] - grid > 1.0 / cutoff))

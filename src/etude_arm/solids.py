@@ -19,7 +19,7 @@ MOST_POINTS, CLOSE = 128, 5e-4
 """Corners of a drawn hull at most, and m by which fewer are enough."""
 ROUND = 8
 """Circles of a drawn ball, with twice as many points each."""
-_known: dict[str, tuple[Solid, ...]] = {}
+_cached_solids: dict[str, tuple[Solid, ...]] = {}
 _skeletons: dict[str, Skeleton] = {}
 
 
@@ -27,7 +27,7 @@ def solids(spec: ArmSpec) -> tuple[Solid, ...]:
     """The rigid parts, in the frames of their bodies; empty without shapes."""
     if spec.model_file is None:
         return ()
-    return of_file(_known, spec, lambda: _compiled_solids(_skeleton(spec)))
+    return of_file(_cached_solids, spec, lambda: _compiled_solids(_skeleton(spec)))
 
 
 def placed(spec: ArmSpec, q: Array) -> Array:
@@ -94,9 +94,8 @@ def _in_part(skeleton: Skeleton, shape: Shape) -> tuple[Array, Index]:
 
 def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
     """Points (V, 3) m in the geom's frame, and triangles, of all within its radius of its points."""
-    radius = (
-        shape.radius - shape.thickness
-    )  # a hull that stands for a finer one is drawn without what it is grown
+    # a reduced hull is drawn without its thickness
+    radius = shape.radius - shape.thickness
     points = _ball() * size if shape.smooth else shape.points
     if radius > 0.0:
         points = (points[:, None] + radius * _ball()).reshape(-1, 3)

@@ -27,7 +27,7 @@ MEMORY = "friction_memory"
 TURNING = "friction_turning"
 """The same for each of the distances over which friction may turn round in identified physics."""
 FRICTION = "friction_speed"
-"""v0 over which friction turns over, rad/s or m/s: on every sample, where the logs tell it."""
+"""v0 over which friction turns over, rad/s or m/s: on every sample, where the logs determine it."""
 RIPPLES, FIRST_WAVE = 6, 2
 """Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
 PRESLIDING_DISTANCES = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)

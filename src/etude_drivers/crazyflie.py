@@ -96,7 +96,7 @@ class CrazyflieVehicle:
         virtual: of a simulation, whose time advances with set-points.
 
     Raises:
-        UsageError: another axis, key, rate or number of motors; nothing tells this Crazyflie from others.
+        UsageError: another axis, key, rate or number of motors; nothing identifies this Crazyflie.
     """
 
     def __init__(
@@ -202,7 +202,7 @@ class CrazyflieVehicle:
             qd,
             reference,
             fault=self._fault(readings),
-            extra=self._beside(readings),
+            extra=self._log_columns(readings),
         )
 
     def ready(self, control: Control) -> None:
@@ -244,7 +244,7 @@ class CrazyflieVehicle:
     def _land(self) -> None:
         """Down to where it stood. It lands by itself, if this program is interrupted meanwhile."""
         readings = self._newest
-        if self._ground is None or not self._bit(readings, FLIES) or self._fallen(readings):
+        if self._ground is None or not self._bit(readings, FLIES) or self._fall_reason(readings):
             return
         high = max(readings[f"{STATE}z"] - self._ground, 0.0)
         seconds = max(SHORTEST_LANDING_S, high / LANDING_SPEED)
@@ -281,10 +281,10 @@ class CrazyflieVehicle:
                 raise ConnectionError(
                     f"its firmware does not log what a position needs: {error.args[0]}"
                 ) from error
-            block.data_received_cb.add_callback(self._heard)
+            block.data_received_cb.add_callback(self._receive)
             block.start()
 
-    def _heard(self, stamp: int, values: Mapping[str, float], block: Any) -> None:
+    def _receive(self, stamp: int, values: Mapping[str, float], block: Any) -> None:
         """In cflib's thread. stamp: ms, 24 bits."""
         with self._news:
             self._newest |= values
@@ -317,7 +317,7 @@ class CrazyflieVehicle:
 
     def _require_fit(self, readings: Mapping[str, float]) -> None:
         """ConnectionError: no motion may begin, and why."""
-        if fallen := self._fallen(readings):
+        if fallen := self._fall_reason(readings):
             raise ConnectionError(f"it is {fallen}")
         require_charge(readings["pm.batteryLevel"] / 100.0, self.battery)
         if (off := math.sqrt(max(readings[f"kalman.varP{axis}"] for axis in "XYZ"))) > UNCERTAIN:
@@ -328,18 +328,18 @@ class CrazyflieVehicle:
 
     def _fault(self, readings: Mapping[str, float]) -> str:
         """Why it does not follow any more, once it should."""
-        if not self._serves or (self._bit(readings, CAN_FLY) and not self._fallen(readings)):
+        if not self._serves or (self._bit(readings, CAN_FLY) and not self._fall_reason(readings)):
             return ""
-        return f"the firmware has stopped the rotors: it is {self._fallen(readings) or 'not armed'}"
+        return f"the firmware has stopped the rotors: it is {self._fall_reason(readings) or 'not armed'}"
 
-    def _fallen(self, readings: Mapping[str, float]) -> str:
+    def _fall_reason(self, readings: Mapping[str, float]) -> str:
         return next((reason for bit, reason in FALLEN.items() if self._bit(readings, bit)), "")
 
     def _bit(self, readings: Mapping[str, float], bit: int) -> bool:
         return bool(int(readings["supervisor.info"]) >> bit & 1)
 
-    def _beside(self, readings: Mapping[str, float]) -> dict[str, float]:
-        """What a vehicle learns from, by the columns of a log, of what was heard."""
+    def _log_columns(self, readings: Mapping[str, float]) -> dict[str, float]:
+        """Measurements to learn from, by log column."""
         if "inertia" not in readings or "attitude" not in readings:
             return {}
         columns = {f"specific_force_{axis}": G * readings[f"acc.{axis}"] for axis in AXES}

@@ -47,7 +47,7 @@ class JointRow:
 
 
 class Topics(Protocol):
-    """What the driver asks of them."""
+    """Interface that the driver needs."""
 
     def now(self) -> float:
         """Our clock, s."""
@@ -68,7 +68,7 @@ class Topics(Protocol):
         ...
 
     def reference(self) -> JointRow | None:
-        """What the controller follows now, as far as it says it."""
+        """The controller's current reference, as far as it reports it."""
         ...
 
     def send(self, points: Points) -> None: ...
@@ -92,7 +92,7 @@ class DdsTopics:
         return time.monotonic()
 
     def open(self, wait: float) -> None:
-        endpoints = self._parts = self._made()
+        endpoints = self._parts = self._create_endpoints()
         until = time.monotonic() + wait
         # a message that is sent before both sides know each other is lost
         while not (
@@ -106,7 +106,7 @@ class DdsTopics:
                 )
             time.sleep(0.02)
 
-    def _made(self) -> SimpleNamespace:
+    def _create_endpoints(self) -> SimpleNamespace:
         domain, topic, pub, sub = (
             importlib.import_module(f"cyclonedds.{name}") for name in ("domain", "topic", "pub", "sub")
         )
@@ -173,10 +173,12 @@ class DdsTopics:
 def message_of(points: Points, kinds: SimpleNamespace) -> Any:
     """The JointTrajectory of DDS."""
     rows = [
-        kinds.Point(q.tolist(), qd.tolist(), qdd.tolist(), [], kinds.Duration(*_parts_of(float(t))))
+        kinds.Point(
+            q.tolist(), qd.tolist(), qdd.tolist(), [], kinds.Duration(*_seconds_and_nanoseconds(float(t)))
+        )
         for t, q, qd, qdd in zip(points.t, points.q, points.qd, points.qdd, strict=True)
     ]
-    header = kinds.Header(kinds.Time(*_parts_of(points.starts)), "")
+    header = kinds.Header(kinds.Time(*_seconds_and_nanoseconds(points.starts)), "")
     return kinds.JointTrajectory(header, list(points.joints), rows)
 
 
@@ -238,6 +240,6 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
-def _parts_of(seconds: float) -> tuple[int, int]:
+def _seconds_and_nanoseconds(seconds: float) -> tuple[int, int]:
     whole = round(seconds * NANO)
     return whole // NANO, whole % NANO

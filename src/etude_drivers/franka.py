@@ -53,7 +53,7 @@ class FrankaArm:
         self, joints: Sequence[str], address: str, settings: Mapping[str, Any], library: Any
     ) -> None:
         require_known(settings, KEYS, "franka")
-        self.joints, self.address, self.library = _in_order(joints), address, library
+        self.joints, self.address, self.library = _ordered_joints(joints), address, library
         self.stiffness = np.array(settings.get("stiffness", GAINS[0]), dtype=float)
         self.damping = np.array(settings.get("damping", GAINS[1]), dtype=float)
         self.realtime = bool(settings.get("realtime", True))
@@ -149,7 +149,7 @@ class FrankaArm:
                 self.robot.stop()
 
 
-def _in_order(joints: Sequence[str]) -> tuple[str, ...]:
+def _ordered_joints(joints: Sequence[str]) -> tuple[str, ...]:
     """libfranka has no names: joint 4 is the one whose name ends with 4."""
     numbers = {int(match[1]): name for name in joints if (match := re.search(r"(\d)$", name))}
     if sorted(numbers) != list(range(1, 8)) or len(joints) != 7:

@@ -1,7 +1,7 @@
 """The driver `lerobot`: arms of LeRobot (SO-100, SO-101, Koch, OpenArm), by their own methods alone.
 
-No servo bus tells the time, so samples have our clock. A robot follows the last goal that it got, also when
-this program dies, so to stop is to send no other one.
+No servo bus reports the time, so samples have the computer's clock. A robot follows the last goal that it
+got, also when this program dies, so to stop is to send no other one.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class LeRobotArm:
 
     Args:
         joints: names of its motors. robot: not connected.
-        settings: rate, Hz; current_step: A of one step of Present_Current, where it tells no torque.
-        clock: of a simulation; None: ours.
+        settings: rate, Hz; current_step: A of one step of Present_Current, where it reports no torque.
+        clock: of a simulation; None: the computer's.
     """
 
     def __init__(

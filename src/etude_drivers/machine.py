@@ -1,4 +1,4 @@
-"""A model of MuJoCo as a robot: a position controller of its own, friction, delay, and masses nobody told.
+"""A MuJoCo model as a robot: its position controller, friction, delay, and masses that the campaign lacks.
 
 It is loaded by MuJoCo's own parser, not by Étude's, and joints go by name, so that it is as independent of
 what Étude computes as a simulation can be. It is not clean on purpose.
@@ -108,7 +108,7 @@ class Machine:
         self._rng = np.random.default_rng(settings.seed)
         self._set_start(settings.start or {})
         self.stiffness, self.damping = self._gains()
-        self._as_it_is()
+        self._add_mismatch()
         self.period = 1.0 / settings.rate
         self.parts = int(np.ceil(self.period / self.model.opt.timestep - 1e-9))
         self.model.opt.timestep = self.period / self.parts
@@ -283,7 +283,7 @@ class Machine:
         self.model.opt.timestep = float(np.clip(STABLE / np.sqrt(fastest), SHORTEST_STEP, LONGEST_STEP))
         return stiffness, 1.4 * np.sqrt(stiffness * heavy)
 
-    def _as_it_is(self) -> None:
+    def _add_mismatch(self) -> None:
         """What the campaign's model does not know."""
         settings = self.settings
         self._coulomb = self.model.dof_frictionloss[self._dofs] + settings.friction * self._scale

@@ -55,7 +55,7 @@ class MujocoRobot:
 
     def __init__(self, joints: Sequence[str], settings: MachineSettings) -> None:
         self.joints, self.settings = tuple(joints), settings
-        self._machine = Machine(joints, settings)  # a wrong model is told here, before anything starts
+        self._machine = Machine(joints, settings)  # a wrong model raises here, before anything starts
         self._link: _Link | None = None
         self._stopped = False
 
@@ -179,7 +179,7 @@ class _Link:
             return None
 
     def send(self, data: bytes) -> None:
-        """Where nobody listens any more it is lost: `newest` tells."""
+        """Without a receiver it is lost; `newest` reports that."""
         with contextlib.suppress(OSError):
             self.socket.send(data, socket.MSG_DONTWAIT)
 
@@ -209,7 +209,7 @@ def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket)
     show, shown = _viewer(machine) if settings.view else None, 0.0
     due, listens = time.monotonic(), True
     while listens or np.abs(machine.qd).max() > 1e-2:
-        listens = listens and _obey(machine, link)
+        listens = listens and _process_commands(machine, link)
         machine.cycle()
         try:
             link.send(_state(machine).tobytes())
@@ -224,7 +224,7 @@ def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket)
         time.sleep(max(due - time.monotonic(), 0.0))
 
 
-def _obey(machine: Machine, link: socket.socket) -> bool:
+def _process_commands(machine: Machine, link: socket.socket) -> bool:
     """What has come in since the last cycle. False: the other end is gone, and the robot comes to rest."""
     while True:
         try:

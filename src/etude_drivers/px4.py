@@ -123,7 +123,7 @@ class Px4Vehicle:
 
     def __enter__(self) -> Self:
         self._link = self._connect(self.address)
-        beat = self._heard("HEARTBEAT", lambda m: m.type != 6)  # no other ground station
+        beat = self._wait_for("HEARTBEAT", lambda m: m.type != 6)  # no other ground station
         if beat.autopilot != PX4 or MULTIROTORS.get(beat.type) != len(self.motors):
             self._link.close()
             raise UsageError(
@@ -133,7 +133,7 @@ class Px4Vehicle:
             )
         for message in WANTED:
             self._command(INTERVAL, message, 1e6 / self.rate)
-        self._heard("LOCAL_POSITION_NED")
+        self._wait_for("LOCAL_POSITION_NED")
         return self
 
     def __exit__(
@@ -144,7 +144,7 @@ class Px4Vehicle:
         with contextlib.suppress(Exception):
             if self._armed_by_us:
                 self._ask_mode()
-                if self._in_our_hands():
+                if self._is_controllable():
                     self._mode(LAND)
         self._link.close()
         self._armed_by_us = False
@@ -162,21 +162,21 @@ class Px4Vehicle:
         )
         reference = None if self._serves else self._held
         return Sample(
-            place.time_boot_ms / 1e3, q, None, qd, reference, fault=self._fault(), extra=self._beside()
+            place.time_boot_ms / 1e3, q, None, qd, reference, fault=self._fault(), extra=self._log_columns()
         )
 
     def ready(self, control: Control) -> None:
         """Set-points where it stands, offboard mode, armed. ConnectionError: PX4 refuses, and why."""
         self.state()
         require_charge(self._charge(), self.battery)
-        require_heading(self._looks_away(), "the x axis, which is east")
+        require_heading(self._heading_error(), "the x axis, which is east")
         here = self.state().q if self._held is None else self._held
         for _ in range(round(BEFORE_S * self.rate)):
             self._send(here, np.zeros(3), np.zeros(3))
             self._pause()
-        self._answered(self._mode(OFFBOARD), "offboard mode", here)
+        self._confirm(self._mode(OFFBOARD), "offboard mode", here)
         if not self._beat.base_mode & ARMED:
-            self._answered(self._command(ARM, 1.0), "to arm", here)
+            self._confirm(self._command(ARM, 1.0), "to arm", here)
             self._armed_by_us = True
         self._until(lambda: self._is(OFFBOARD) and bool(self._beat.base_mode & ARMED), "offboard mode", here)
         self._serves = True
@@ -194,7 +194,7 @@ class Px4Vehicle:
         with contextlib.suppress(Exception):
             if self._serves and threading.current_thread() is self._reader:
                 self._ask_mode()
-            if self._serves and self._in_our_hands():
+            if self._serves and self._is_controllable():
                 self._mode(HOLD)
         self._serves = False
 
@@ -217,7 +217,7 @@ class Px4Vehicle:
             and (mode == OFFBOARD or (custom_mode >> 24 & 255) == mode[1])
         )
 
-    def _in_our_hands(self) -> bool:
+    def _is_controllable(self) -> bool:
         return self._is(OFFBOARD) or self._is(HOLD)
 
     def _fault(self) -> str:
@@ -241,14 +241,14 @@ class Px4Vehicle:
         status = self._newest.get("SYS_STATUS")
         return 1.0 if status is None or status.battery_remaining < 0 else status.battery_remaining / 100.0
 
-    def _looks_away(self) -> float:
+    def _heading_error(self) -> float:
         attitude = self._newest.get("ATTITUDE_QUATERNION")
         if attitude is None:
             return 0.0
         return math.remainder(yaw_of(attitude.q1, attitude.q2, attitude.q3, attitude.q4) - YAW, 2 * math.pi)
 
-    def _beside(self) -> dict[str, float]:
-        """What a vehicle learns from, by the columns of a log, of what was heard."""
+    def _log_columns(self) -> dict[str, float]:
+        """Measurements to learn from, by log column."""
         columns: dict[str, float] = {}
         if (message := self._newest.get("HIGHRES_IMU")) is not None:
             force, rates = (
@@ -289,7 +289,7 @@ class Px4Vehicle:
     def _mode(self, mode: tuple[int, int]) -> int:
         return self._command(SET_MODE, CUSTOM, *mode)
 
-    def _answered(self, what: int, request: str, here: Array) -> None:
+    def _confirm(self, what: int, request: str, here: Array) -> None:
         """Waits for the answer to a command. ConnectionError: it is a refusal."""
 
         def acknowledged() -> bool:
@@ -312,7 +312,7 @@ class Px4Vehicle:
     def _pause(self) -> None:
         self._read(0.0 if self.virtual else 1.0 / self.rate)
 
-    def _heard(self, name: str, accepts: Callable[[Any], bool] = lambda _: True) -> Any:
+    def _wait_for(self, name: str, accepts: Callable[[Any], bool] = lambda _: True) -> Any:
         """The first message of that name. ConnectionError: none came."""
         end = time.monotonic() + ANSWER_S
         while time.monotonic() < end:

@@ -234,7 +234,7 @@ class _Playing:
         return s, self.path.at(s).q
 
     def _does_not_follow(self, sample: Sample) -> bool:
-        """Whether what the controller says that it follows has been something else for long."""
+        """Whether the reference that the controller reports has differed for long."""
         reference = self.robot.topics.reference()
         if reference is None:
             return False

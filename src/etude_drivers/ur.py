@@ -54,7 +54,7 @@ class UrArm:
         virtual: bool = False,
     ) -> None:
         require_known(settings, KEYS, "ur")
-        self.joints, self.address, self.virtual = _in_order(joints), address, virtual
+        self.joints, self.address, self.virtual = _ordered_joints(joints), address, virtual
         self.rate = float(settings.get("rate", 500.0))
         self.lookahead = float(settings.get("lookahead", 0.05))
         self.gain = float(settings.get("gain", 600.0))
@@ -82,7 +82,7 @@ class UrArm:
         )
 
     def _payload(self) -> float | None:
-        """kg that the controller is set to; None without a connection, or where it tells none."""
+        """kg that the controller is set to; None without a connection, or where it reports none."""
         with contextlib.suppress(RuntimeError):
             return None if self.receive is None else float(self.receive.getPayload())
         return None
@@ -133,7 +133,7 @@ class UrArm:
         self._serves = False
 
 
-def _in_order(joints: Sequence[str]) -> tuple[str, ...]:
+def _ordered_joints(joints: Sequence[str]) -> tuple[str, ...]:
     """The controller has no names: prefixes are allowed, the rest is that of the descriptions."""
     matches = [[name for name in joints if name.endswith(f"{suffix}_joint")] for suffix in NAMES]
     if [len(names) for names in matches] != [1] * 6 or len(joints) != 6:

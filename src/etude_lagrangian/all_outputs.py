@@ -104,7 +104,7 @@ def _begin(work: Array, p: Array, F: Array, i: int) -> None:
 
 
 @_inline
-def _grow(work: Array, link: int, p: Array, F: Array, i: int) -> None:
+def _extend_chain(work: Array, link: int, p: Array, F: Array, i: int) -> None:
     """P, d, d', e with the joint of the next link, and that link's α, a, s, t, τ and y of its joints."""
     joint, w = BLOCKS + link * SIZE, F[2, link, i]
     for x in range(WIDTH):
@@ -152,7 +152,7 @@ def _values(work: Array, values: int, p: Array, F: Array, i: int) -> None:
                 for x in range(WIDTH):
                     work[out, x] = work[Q, x] * work[one + RU, x] * work[other + RUZ, x]
     for link in range(J):
-        _grow(work, link, p, F, i)
+        _extend_chain(work, link, p, F, i)
         for k in range(link + 1):
             one, v = BLOCKS + k * SIZE, p[LINKS + link, k]
             for x in range(WIDTH):
@@ -421,7 +421,7 @@ def _backward(work: Array, values: int, p: Array, F: Array, i: int, dF: Array, d
             work[joint + BRZ, x] = 0.0
             work[joint + BSG, x] = 0.0
     for link in range(J):
-        _grow(work, link, p, F, i)
+        _extend_chain(work, link, p, F, i)
         _free_sums(work, values, J, link, F, i)
         _bound_sums(work, values, J, link, p, F, i)
         _link_totals(work, values, J, link, p, F, i)
@@ -494,7 +494,7 @@ def means_all(p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
             _begin(work, p, F, i)
             _potential_means(work, weights, J, i, out)
             for link in range(J):
-                _grow(work, link, p, F, i)
+                _extend_chain(work, link, p, F, i)
                 _link_means(work, weights, link, p, F, i, out)
 
 

@@ -23,7 +23,7 @@ from etude_lagrangian.likelihood import JointHyperparameters
 from etude_lagrangian.prior import JointPrior
 
 FEW = 4
-"""One of so many instants says what deviations are at most."""
+"""One of so many instants bounds the deviations."""
 BLOCK = 64
 """Inputs predicted at once: a few megabytes of covariances."""
 
@@ -113,10 +113,10 @@ class JointProcess:
 
     def at_most(self, X: Array) -> tuple[Array, Array]:
         """Means (T, J), and variances given a few of the instants: never below those of `predict`."""
-        return self.mean(X), self._variance(X, *self._few)
+        return self.mean(X), self._variance(X, *self._variance_subset)
 
     @cached_property
-    def _few(self) -> tuple[Array, Index, Array]:
+    def _variance_subset(self) -> tuple[Array, Index, Array]:
         """Every `FEW`th instant with an entry, the entries there, and their covariance's inverse factor."""
         instants = np.flatnonzero(self.counts.any(axis=1))[::FEW]
         X, used = np.ascontiguousarray(self.X[instants]), np.flatnonzero(self.counts[instants].T)
@@ -190,7 +190,7 @@ class JointProcess:
         entry_row = self.rows[self.used % n]  # of each entry that counts
         out = np.flatnonzero(np.isin(self.fit.fold[entry_row], folds))
         with threads_for(len(self.used)):
-            left = self._without(out, None if Y is None else Y[self.rows])
+            left = self._leave_out(out, None if Y is None else Y[self.rows])
         mean, variance = np.full((J, len(own)), np.nan), np.full((J, len(own)), np.nan)
         command, place = self.used[out] // n, _places(own, entry_row[out])
         inside = place >= 0
@@ -199,7 +199,7 @@ class JointProcess:
         incomplete = np.flatnonzero(np.isnan(mean).any(axis=0))
         if len(incomplete):
             missing = np.isnan(mean[:, incomplete])
-            more = self._elsewhere(self.fit.X[own[incomplete]], left)
+            more = self._at_new_inputs(self.fit.X[own[incomplete]], left)
             mean[:, incomplete] = np.where(missing, more[0].T, mean[:, incomplete])
             variance[:, incomplete] = np.where(missing, more[1].T, variance[:, incomplete])
         return mean.T, variance.T
@@ -247,19 +247,19 @@ class JointProcess:
         out[self.used] = entries
         return out.reshape(len(self.commands), len(self.X))
 
-    def _without(self, out: Index, Y: Array | None) -> _Without:
+    def _leave_out(self, out: Index, Y: Array | None) -> _Reduced:
         """The entries at the positions `out` of `used`, from all others."""
         W, y = self.inverse, self._entries(self.Y if Y is None else Y)
         alpha = W @ y
         if not len(out):
-            return _Without(np.zeros(0), np.zeros(0), alpha, np.zeros((0, len(W))))
+            return _Reduced(np.zeros(0), np.zeros(0), alpha, np.zeros((0, len(W))))
         block, _ = factorise(np.asfortranarray(W[np.ix_(out, out)]), 0.0)
         half = triangular_inverse(block)
         error = half.T @ (half @ alpha[out])
         variance = np.einsum("ij,ij->j", half, half)
-        return _Without(y[out] - error, variance, alpha - W[:, out] @ error, half @ W[out])
+        return _Reduced(y[out] - error, variance, alpha - W[:, out] @ error, half @ W[out])
 
-    def _elsewhere(self, X: Array, left: _Without) -> tuple[Array, Array]:
+    def _at_new_inputs(self, X: Array, left: _Reduced) -> tuple[Array, Array]:
         """Means and variances with noise (k, J) at X (k, D) from the entries that were not left out."""
         J = len(self.commands)
         K = self.prior.cross(self.at.theta, X, self.X, self.used)
@@ -271,7 +271,7 @@ class JointProcess:
         return (K @ left.alpha).reshape(J, -1).T, latent + self.noise_variance
 
 
-class _Without(NamedTuple):
+class _Reduced(NamedTuple):
     """Entries left out, (a,) each, and what predicts elsewhere without them.
 
     With W the inverse, A those left out, B the others: K_BB^-1 y_B = α - W_:A W_AA^-1 α_A (0 at A), and

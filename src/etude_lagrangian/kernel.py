@@ -1,10 +1,9 @@
 """Lagrangian prior of one command as a kernel of the family, with additions for real robots.
 
 Kinetic and potential energy are polynomials in sin q, cos q (q itself of a slide) and the velocities, drawn
-from a Gaussian process; the command is what Lagrange's equation makes of them. Source: Giacomuzzo, Carli,
-Romeres and Dalla Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for
-Robot Inverse Dynamics Identification, T-RO 2024; here in closed form, and links share the factors of their
-kinetic energy.
+from a Gaussian process. Lagrange's equation gives the command. Source: Giacomuzzo, Carli, Romeres and Dalla
+Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for Robot Inverse Dynamics
+Identification, T-RO 2024; here in closed form, and links share the factors of their kinetic energy.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class AllOutputs:
         return JointPrior(joints, tuple(self.additions(columns, (name,)) for name in names))
 
     def hyperparameters(self, prior: JointPrior, fit: FitData) -> JointHyperparameters:
-        """Trained on the chosen samples, from the last round's if the schedule says so."""
+        """Trained on the chosen samples, from the last round's if the schedule requires it."""
         config = fit.config
         earlier = None if config.schedule == "reinitialise" else fit.start
         previous = earlier.at if isinstance(earlier, JointProcess) and earlier.prior == prior else None
@@ -116,14 +116,14 @@ def data_together(
 ) -> tuple[FitData, Array]:
     """What a joint member learns all commands from, and the units (2, J) of its outputs.
 
-    Outputs are centred and in the commands' own unit, since they share one energy; entries that say nothing
-    are there, and left out by the member one by one.
+    Outputs are centred and in the commands' own unit, since they share one energy; uninformative entries are
+    there; the member leaves them out one by one.
 
     Args:
         floor: least noise deviation, a part of each command's limit.
 
     Raises:
-        DataError: a command never says anything.
+        DataError: a command is never informative.
     """
     samples, config = folds.samples, folds.config
     counts = samples.usable & samples.moving

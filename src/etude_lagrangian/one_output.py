@@ -1,11 +1,11 @@
 """The Lagrangian prior of one command, compiled: covariances and, backwards, the gradients of their sums.
 
 The command of joint k has the covariance Σ_{i>=k} K_i + potential, without a division; K_i is link i's
-kinetic part. Inputs are packed as (4, J, n): S, C, w, u = sin q, cos q, velocity, acceleration; a slide has
-q and 1. A row x is held against a strip of WIDTH columns z, primed below, and every statement is a loop over
-the strip. All work rows lie in one array of constant width, so that the compiler knows them to be apart: rows
-of their own first, then a block of rows for each joint. All compiled code is in this file because numba's
-cache watches only the file of the function it stores.
+kinetic part. Inputs are packed as (4, J, n): S, C, w, u = sin q, cos q, velocity, acceleration; a slide has q
+and 1. A row x is held against a strip of WIDTH columns z, primed below, and every statement is a loop over
+the strip. All work rows lie in one array of constant width, so that the compiler knows that they do not
+overlap: rows of their own first, then a block of rows for each joint. All compiled code is in this file
+because numba's cache watches only the file of the function it stores.
 
 Parameters are one array (J + 5, J): a and b of the potential's factors, a and b of the kinetic ones, v of
 each link and joint (J, J), and [u0², ...]. Of a slide b = 0.

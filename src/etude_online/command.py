@@ -83,9 +83,9 @@ class UpdateWeight:
         w* = Σ e_f (e_f - e_u) / (Σ (e_f - e_u)² + NEEDED sn²).
 
     It is above 1/2 where the updated model by itself errs less than the frozen one. The weight is the smooth
-    step w*² (3 - 2 w*), nearer to 0 where that is the worse model and to 1 where it is the better: without
-    it, a model that is wrong by far would serve, with a tiny weight, as an estimate of the other's bias.
-    On the remembered samples either of the two errs no more than the frozen model.
+    step w*² (3 - 2 w*), nearer to 0 for the worse model and nearer to 1 for the better one. Without it, a
+    model that is far off would serve, with a tiny weight, as an estimate of the other's bias. On the
+    remembered samples either of the two errs no more than the frozen model.
 
     An updated model that gets no weight goes on learning and may come back.
 

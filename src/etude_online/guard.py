@@ -1,7 +1,7 @@
 """Guard of online learning: which measurements the model learns from, and its share in the command.
 
 Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and
-what the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the
+what the feedback added. The hedge scores the learners by the feedback's effort, which no sensor of the
 command can falsify. For both the guard has to know the feedback.
 """
 
@@ -72,8 +72,8 @@ class Hedge:
 
         Args:
             error: (J,) what the frozen model alone would have left to the feedback.
-            offered: (J,) correction within the authority; raw: (J,) as the learner said it.
-            clean: whether the measurements are believed. If not, weights can only fall.
+            offered: (J,) correction within the authority; raw: (J,) as the learner predicts it.
+            clean: whether the measurements are accepted. If not, weights can only fall.
         """
         delta = (np.abs(error) - np.abs(error - offered)) / self.authority
         delta = np.clip(np.nan_to_num(delta, nan=-1.0), -1.0, 1.0)
@@ -173,7 +173,7 @@ class Guard:
         return (*self.feedback.channels, COMMAND)
 
     def collect(self, row: Row | None) -> None:
-        """One tick's measurement; None where it is not believed. Call `decide` after it where `due`."""
+        """One tick's measurement; None where it was rejected. Call `decide` after it where `due`."""
         if row is not None and self._pending:
             self._rows.append([*(np.array(row[n], dtype=float) for n in self.judges_by), self._pending[3]])
         self._pending = []
@@ -189,12 +189,12 @@ class Guard:
         self._tick, self._rows, self._middle = 0, [], []
 
     def decide(self) -> tuple[bool, Mask]:
-        """Judges the decision that is complete: whether it is believed, and which learners (J,) go back."""
+        """Evaluates the complete decision: whether it is accepted, and which learners (J,) are reset."""
         rows, middle = self._rows, self._middle
         self.skip()
         self._pause_left = self._pause_left - self._ticks * self._period
         none = np.zeros(len(self.weight), dtype=np.bool_)
-        if not middle:  # nothing was sent, so there is nothing to judge
+        if not middle:  # nothing was sent, so there is nothing to evaluate
             return True, none
         if len(rows) < FEWEST:
             self._strike(True, "measurements are missing or impossible")

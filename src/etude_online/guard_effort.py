@@ -1,7 +1,7 @@
 """Effort of the feedback, by an identified law or as the controller reports it, or the reason for its
 absence.
 
-The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
+The sent command plus the feedback's is what the motion needed, whatever the sensor of the command reads.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class FeedbackLaw:
 
 @dataclass(frozen=True, eq=False)
 class StatedFeedback:
-    """A controller that says what it adds: the channel `command_fb` of every measured row."""
+    """A controller that reports what it adds: the channel `command_fb` of every measured row."""
 
     sigma: Array
 
@@ -126,7 +126,7 @@ def feedback_of(
 def _decisions(
     log: Log, path: str, limits: tuple[Array, Array], rate: float
 ) -> list[tuple[Array, Array, Array, Array]]:
-    """Mean error, its slope, mean of what was fed back and of the error's integral since the log's start, of
+    """Mean error, its slope, mean feedback and mean integral of the error since the log's start, for
     stretches as long as a decision.
     """
     planned, n = log.get(path + PLANNED), decision_ticks(rate)
@@ -147,7 +147,7 @@ def _decisions(
 ENOUGH = 0.9
 """Part of the command's variation, about its mean in each log, from which something explains it."""
 CLEARLY = 0.5
-"""An integral is told only where it leaves at most that part of what a law without it leaves."""
+"""An integral is reported only where its residual is at most that part of the residual without it."""
 
 NOTHING = "nothing is learned on line without."
 SIGN = f"Turn the sign of the logged command, or leave the log out; {NOTHING}"

@@ -49,7 +49,7 @@ class Ranges:
         self._last: Array | None = None
 
     def impossible(self, row: Row, names: Sequence[str]) -> str:
-        """The channel that cannot be true and what it says; "" if all can."""
+        """The impossible channel and its value; "" if all are possible."""
         for name in names:
             values = row.get(name)
             if values is None:

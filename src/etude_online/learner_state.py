@@ -48,7 +48,7 @@ def put_back(owner: Any, state: Any) -> None:
 
 
 def state_bytes(state: Any) -> bytes:
-    """The file of a state: arrays, and JSON that says where each belongs."""
+    """The file of a state: arrays, and JSON with the place of each."""
     arrays: list[np.ndarray[Any, Any]] = []
     tree = json.dumps(_to_json(state, arrays))
     text = np.frombuffer(tree.encode(), dtype=np.uint8)

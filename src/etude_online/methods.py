@@ -145,7 +145,7 @@ METHODS: dict[str, Begin] = {
 
 
 def begin(start: ExactPosterior, config: OnlineConfig, rng: np.random.Generator) -> OnlineOutput:
-    """A learner of one output that knows what `start` knows, as far as its size allows.
+    """A learner of one output with the posterior of `start`, as far as its size allows.
 
     Args:
         start: exact process (a dictionary included): kernel, hyperparameters, points.

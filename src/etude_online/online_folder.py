@@ -42,7 +42,7 @@ TABLES = ("trajectory", "data", "model")
 
 @dataclass(frozen=True)
 class OnlineOptions:
-    """What the target is told beside the model.
+    """Inputs of the target beside the model.
 
     Attributes:
         description: files of the robot's description by name, robot.toml among them.

@@ -1,7 +1,7 @@
 """Online model: a controller over rows of channels that learns while the robot runs.
 
-A channel of another length is a mistake of the program around, and no fault of a wire: it is refused in
-words, where arithmetic would raise, spread one number over all joints, or hold the last command for ever.
+A channel of another length is a mistake of the calling program, not a fault of a wire. It is refused with a
+message: arithmetic would raise, spread one number over all joints, or hold the last command for ever.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Rows:
         self._layouts = fed_back | {name: (c.parts, c.units) for name, c in channels.items()}
 
     def taken(self, row: Row, what: str) -> dict[str, Array]:
-        """The row as arrays (parts,); channels that nobody knows stay as they are.
+        """The row as arrays (parts,); unknown channels stay as they are.
 
         Args:
             what: names the row in words, "planned" or "measured".
@@ -89,7 +89,7 @@ class Rows:
         return arrays
 
     def require(self, row: Row, names: Sequence[str], what: str, why: str) -> None:
-        """UsageError: the row lacks one of those names; why: a sentence that says what it is for."""
+        """UsageError: the row lacks one of those names; why: a sentence on its purpose."""
         missing = [name for name in dict.fromkeys(names) if name not in row]
         if missing:
             each = "; ".join(f"{name}: {self._expected(name)}" for name in missing)
@@ -132,9 +132,8 @@ class OnlineModel:
 
     Mutable; for one thread. `observe` takes rows of measured channels, tick by tick; `command` mixes the
     updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window,
-    skipped where a joint stands still, judged, and learned `hold_s` later; the commands learn in turn, in
-    different ticks, so that no tick pays for all of them. Whatever is measured, nothing but UsageError
-    leaves either.
+    skipped where a joint stands still, scored, and learned `hold_s` later. The commands learn in different
+    ticks, so that no tick pays for all of them. Whatever is measured, nothing but UsageError leaves either.
 
     Args:
         model: its commands come from exact processes or dictionaries, or have such ones beside physics.
@@ -145,8 +144,8 @@ class OnlineModel:
         config: how to go on.
         rate: of the control ticks, Hz.
         rng: of what the learners draw.
-        feedback: what the robot's feedback adds, which the guard judges by (`guard_effort.feedback_of`); None
-            where nothing is driven: then past samples alone say how much of a learner is believed.
+        feedback: what the robot's feedback adds, for the guard (`guard_effort.feedback_of`); None where
+            nothing is driven: then past samples alone set the learners' weights.
 
     Attributes:
         counts: of measurements. reports: (s of its own clock, sentence) of each reaction, the newest last.
@@ -188,7 +187,7 @@ class OnlineModel:
         self._ticks, self._suspected = 0, -math.inf
 
     def planned(self, motion: Motion) -> Array | None:
-        """None: what is measured counts. What the frozen model says of the plan is asked once, here."""
+        """None: what is measured counts. The frozen model is evaluated on the plan once, here."""
         self._plan.take(motion)
         self._measured.reopened()  # a run begins, whose times may be anything
         return None
@@ -204,7 +203,7 @@ class OnlineModel:
             if instant is None:
                 return self._held.copy(), np.full(len(self._held), np.inf)
             x, base, frozen = instant
-            share = self._share()
+            share = self._learner_weights()
             raw = self._raw(x, base, frozen, share)
             if self.guard is None:
                 out = np.clip(frozen + np.where(np.isfinite(raw), share * raw, 0.0), *self._limits)
@@ -216,21 +215,21 @@ class OnlineModel:
     def observe(self, t: float, row: Row) -> None:
         """One control tick's measurement: time in s, and the measured channels with the applied command.
 
-        UsageError: the first row lacks a channel that is judged by, or one has another number of parts.
+        UsageError: the first row lacks a channel that the guard needs, or one has another number of parts.
         """
         row = self._rows.taken(row, "measured")
         if self.guard is not None and self._ticks == 0:
             self._rows.require(row, self.guard.judges_by, "measured", JUDGED)
         with np.errstate(all="ignore"):
-            believed = self._measured.take(t, row)
+            accepted = self._measured.take(t, row)
             self.counts.ignored, self.counts.rebased = self._measured.counts
             if self.guard is not None:
-                self._guard_tick(self.guard, row if believed else None)
+                self._guard_tick(self.guard, row if accepted else None)
             place = self._ticks % self._stride
             self._ticks += 1
             now = self._measured.now
             if place == 0 and now >= self._suspected:
-                self._judge_middle()
+                self._score_middle()
             for command, turn in zip(self.commands, self._turn, strict=True):
                 if turn == place:
                     self._teach(command, now)
@@ -238,7 +237,7 @@ class OnlineModel:
     def weights(self) -> list[float]:
         """What part of each command comes from its learner."""
         weight = 1.0 if self.guard is None else self.guard.weight
-        return list((weight * self._share()).tolist())
+        return list((weight * self._learner_weights()).tolist())
 
     def state(self) -> Any:
         """All that it has learned and remembers, as numbers; `restore` makes an equal model this one."""
@@ -271,7 +270,7 @@ class OnlineModel:
         also = () if self.guard is None or feedback is None else feedback.channels
         return Measured(inputs, by_name, ranges, also, rate, self.config.window_s, self._say)
 
-    def _share(self) -> Array:
+    def _learner_weights(self) -> Array:
         """(J,) how much of each learner its past samples support."""
         if not self.config.guarded:
             return np.ones(len(self.commands))
@@ -314,13 +313,13 @@ class OnlineModel:
         guard.collect(row)
         if not guard.due:
             return
-        believed, back = guard.decide()
+        accepted, back = guard.decide()
         now = self._measured.now
-        if not believed:
+        if not accepted:
             self.counts.suspected += 1
             self._suspected = now + self.config.window_s + CLEAN_S
         for command in self.commands:
-            if not believed:
+            if not accepted:
                 command.drop(now - 0.5 * self.config.window_s - YOUNG_S)
             elif now >= self._suspected:
                 command.checkpoints.keep(now)
@@ -328,14 +327,14 @@ class OnlineModel:
                 self._set_back(command, now, "is wrong by far")
 
     def _set_back(self, command: Command, now: float, why: str) -> None:
-        if not command.learner.samples:  # it is at its beginning, which is what the trained model told it
+        if not command.learner.samples:  # it is at its beginning, the trained model
             return
         self.counts.set_back[command.place] += 1
         anew = command.set_back(now)
         name = self.model.commands[command.place]
         self._say(f"What {name} had learned {why}: it {'begins anew' if anew else 'goes back some seconds'}.")
 
-    def _judge_middle(self) -> None:
+    def _score_middle(self) -> None:
         sample = self._measured.middle()
         if sample is None:
             return

@@ -87,7 +87,7 @@ class Planned:
         return Log(np.array([t]), {name: self._channels[name] for name in arrays}, arrays)
 
     def moving(self, t: float, row: Row) -> NDArray[np.bool_]:
-        """(J,) whether a sample says something of each command; half the weight of a planned one tells."""
+        """(J,) whether a sample is informative on each command; half the weight of a planned one decides."""
         if not self.path:
             return np.ones(len(self._commands), dtype=np.bool_)
         motion = Motion(np.array([t]), np.stack([row[name][None] for name in self.path]))

@@ -22,7 +22,7 @@ PAUSE_S = 1.0
 
 
 class OwnClock:
-    """Time that only ever goes on, a period at each measurement; gaps up to a second are believed.
+    """Time that only increases, a period at each measurement; gaps up to a second are accepted.
 
     Args:
         period: s between two measurements.
@@ -43,7 +43,7 @@ class OwnClock:
         self.now, self.rebased, self.paused = math.nan, 0, False
 
     def tick(self, t: float) -> bool:
-        """Takes the next measurement's time t (s); returns whether the clock was believed."""
+        """Takes the next measurement's time t (s); returns whether the clock was accepted."""
         step, self._raw = t - self._raw, t
         if math.isnan(self.now):
             self.now = t if math.isfinite(t) else 0.0
@@ -153,7 +153,7 @@ class CentredWindow:
         return tuple(self._places)
 
     def miss(self) -> None:
-        """A measurement that is not believed: the window fills anew."""
+        """A rejected measurement: the window fills anew."""
         self.ignored, self._filled = self.ignored + 1, 0
 
     def push(self, t: float, row: Row) -> None:
@@ -180,13 +180,13 @@ class CentredWindow:
 
 
 class Measured:
-    """The newest believed measurements.
+    """The newest accepted measurements.
 
     Args:
         inputs: channels that the model looks at. channels: of the kind, by name.
-        also: channels that have to be finite too, because a guard judges by them.
+        also: channels that have to be finite too, because a guard uses them.
         rate: of the ticks, Hz. window_s: see `OnlineConfig`.
-        say: receives a sentence where something is not believed, until a second without.
+        say: receives a sentence where something is rejected, until a second without.
     """
 
     STATE_FIELDS = ("_clock", "_ranges", "_window", "_odd")
@@ -220,7 +220,7 @@ class Measured:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Measurements that cannot be true, and times that the clock was not believed."""
+        """Impossible measurements, and rejected jumps of the clock."""
         return (0 if self._window is None else self._window.ignored), self._clock.rebased
 
     def begin(self, sizes: Mapping[str, int]) -> None:

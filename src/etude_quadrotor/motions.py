@@ -119,7 +119,7 @@ def approach_and_return(
         hover[2] = height
     there, back = _between(spec, motion, hover, limits)
     if pose[2] < low:
-        there = [("take-off", _lifted(spec, pose, hover)), *there]
+        there = [("take-off", _take_off(spec, pose, hover)), *there]
         back = [*back, ("landing", _straight(spec, hover, pose))]
     return _one(there), _one(back)
 
@@ -149,7 +149,9 @@ def _transition(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[
     if max(np.abs(start[1:]).max(), np.abs(end[1:]).max()) <= STILL:
         return straight
     tried = [
-        Splined(np.array([0.0, _whole(spec, part * straight.duration)]), np.stack([start, end], axis=1))
+        Splined(
+            np.array([0.0, _whole_set_points(spec, part * straight.duration)]), np.stack([start, end], axis=1)
+        )
         for part in LASTING
     ]
     return min(tried, key=lambda path: max(utilization(row) for row in certify(path, limits).rows))
@@ -160,10 +162,10 @@ def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
     slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
     lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
     points = np.stack([at_rest(start), at_rest(end)], axis=1)
-    return Splined(np.array([0.0, _whole(spec, lasting)]), points)
+    return Splined(np.array([0.0, _whole_set_points(spec, lasting)]), points)
 
 
-def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
+def _take_off(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
     """A vertical rise, first with increasing thrust."""
     first = ground + LIFTED * (hover - ground) / np.linalg.norm(hover - ground)
     remainder = _straight(spec, first, hover)
@@ -171,7 +173,7 @@ def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
     return Splined(np.concatenate([[0.0], RAMP + remainder.times]), points)
 
 
-def _whole(spec: QuadrotorSpec, seconds: float) -> float:
+def _whole_set_points(spec: QuadrotorSpec, seconds: float) -> float:
     """At least that duration (s), in a whole number of set-points."""
     return whole_up(seconds * spec.table_rate) / spec.table_rate
 
@@ -186,7 +188,7 @@ def limits(
     those of a + g z, without drag, which needs its own reserve. Flatness bounds the vertical part of a + g z
     ("lift") in any case.
     """
-    late = _late(spec, config, margins)
+    late = _speed_margin(spec, config, margins)
     lower, upper, box_margin = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
     half = 0.25 * (upper - lower)[:2]  # at most half of what there is from the middle
     box_margin[:2] = np.maximum(box_margin[:2], np.minimum(late / PLACE_GAIN, half))
@@ -223,7 +225,7 @@ def limits(
     return (*standard, *made_limits(spec.limits, spec, model, margins, AXES))
 
 
-def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
+def _speed_margin(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
     """Margin of a real vehicle's speed until a log gives it, m/s: the attitude's lag delays its acceleration.
 
     The acceleration of a series is at most its speed times its highest frequency, or half the range times

@@ -83,10 +83,10 @@ class Flight:
 
 def agreement_findings(spec: QuadrotorSpec, log: Log) -> tuple[Finding, ...]:
     """A finding for each pair of instruments in the log, whether they agree."""
-    findings = [_delay(spec, log)]
+    findings = [_delay_finding(spec, log)]
     flight = _flight(log)
     if flight is not None:
-        findings += [_turning(flight), _pushing(flight)]
+        findings += [_rates_finding(flight), _force_finding(flight)]
     return tuple(one for one in findings if one is not None)
 
 
@@ -105,13 +105,13 @@ def _flight(log: Log) -> Flight | None:
         1.0 / GRID,
         at(log["rates"]),
         at(log["specific_force"]),
-        _between(log.t, R, t),
+        _interpolated_rotations(log.t, R, t),
         log["orientation"][rows] if "orientation" in log else None,
         at(log["position"]) if "position" in log else None,
     )
 
 
-def _between(t: Array, R: Array, times: Array) -> Array:
+def _interpolated_rotations(t: Array, R: Array, times: Array) -> Array:
     """Rotations (n, 3, 3) at other times, on the shortest path."""
     from scipy.spatial.transform import Rotation, Slerp
 
@@ -143,7 +143,7 @@ SCALES = {
 """What rates, or the clock, may be, and the factor that it takes."""
 
 
-def _turning(flight: Flight) -> Finding | None:
+def _rates_finding(flight: Flight) -> Finding | None:
     """A finding on rates against changes of the attitude."""
     span = round(TURN_S / flight.step)
     measured = _windowed(flight.rates, span)
@@ -152,7 +152,7 @@ def _turning(flight: Flight) -> Finding | None:
         turns = _vectors(R, span)
         size = float(np.mean(np.sum(turns**2, axis=1)))
         for unit, factor in SCALES.items():
-            for axes, turn in _signed():
+            for axes, turn in _signed_permutations():
                 left = float(np.mean(np.sum((turns - factor * measured @ turn.T) ** 2, axis=1)))
                 if not readings and np.sqrt(left) < LEAST_TURN:  # as stated: no other interpretation is tried
                     return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
@@ -161,7 +161,7 @@ def _turning(flight: Flight) -> Finding | None:
                     unit,
                     _axes("the gyroscope", axes, turn),
                 ]
-                count = changes + bool(unit) + _count(turn)
+                count = changes + bool(unit) + _change_count(turn)
                 # 1e-300: a log without motion explains nothing
                 readings.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
     return _agreement_finding(RATES, readings, "The gyroscope does not match the turns of the attitude")
@@ -181,7 +181,7 @@ def _windowed(values: Array, span: int) -> Array:
     return np.asarray(whole[span:] - whole[:-span])
 
 
-def _pushing(flight: Flight) -> Finding | None:
+def _force_finding(flight: Flight) -> Finding | None:
     """A finding on the specific force in the world against the second difference of the position."""
     if flight.position is None:
         return None
@@ -197,7 +197,7 @@ def _pushing(flight: Flight) -> Finding | None:
     readings: list[Reading] = []
     for labels, changes, force in _world_forces(flight):
         pushed = _triangle(force - [0.0, 0.0, GRAVITY], span)[valid]
-        for axes, turn in _signed():
+        for axes, turn in _signed_permutations():
             off = moved @ turn.T - pushed
             off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
             left = float(np.mean(np.sum(off**2, axis=1)))
@@ -206,7 +206,9 @@ def _pushing(flight: Flight) -> Finding | None:
             parts = [*labels, _axes("the position", axes, turn)]
             # 1e-300: a log without motion explains nothing
             readings.append(
-                Reading("; ".join(filter(None, parts)), changes + _count(turn), left / max(size, 1e-300))
+                Reading(
+                    "; ".join(filter(None, parts)), changes + _change_count(turn), left / max(size, 1e-300)
+                )
             )
     return _agreement_finding(
         FORCE,
@@ -249,7 +251,7 @@ def _triangle(values: Array, span: int) -> Array:
     return np.column_stack(made)[: len(values) - 2 * span]
 
 
-def _signed() -> list[tuple[str, Array]]:
+def _signed_permutations() -> list[tuple[str, Array]]:
     """The 48 signed permutations of the axes with their names, such as "y, x, -z"."""
     permutations = []
     for order in itertools.permutations(range(3)):
@@ -261,7 +263,7 @@ def _signed() -> list[tuple[str, Array]]:
     return permutations
 
 
-def _count(turn: Array) -> int:
+def _change_count(turn: Array) -> int:
     """Number of changes of an interpretation; a common frame counts as one."""
     if np.array_equal(turn, np.eye(3)):
         return 0
@@ -297,7 +299,7 @@ def _agreement_finding(check: str, readings: Sequence[Reading], fact: str) -> Fi
     return Finding(check, "red", f"{sentence} ({100.0 * named.left:.0f} %).", step, flag=check)
 
 
-def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
+def _delay_finding(spec: QuadrotorSpec, log: Log) -> Finding | None:
     """A finding on the delay from the motors' commands to their thrust and torques.
 
     The force along the body's z axis and the angular accelerations are linear in four commands, for any frame

@@ -41,10 +41,10 @@ class DictionaryGP:
     """Exact regression on a dictionary of the data (implements `protocols.Regressor`).
 
     Choose it when data keep coming and prediction must stay at a fixed cost: a stream of samples, an arm that
-    learns while it moves. Its variance is that of the exact process on the members: honest about points that
-    were dropped in that it never claims more than they could tell. With the error rule the choice depends on
-    the outputs: noise trained on the members is then too large and the variance is not calibrated, even
-    guarded; check it on data held out.
+    learns while it moves. Its variance is that of the exact process on the members, and never below that of
+    the exact process on all samples with the same hyperparameters. With the error rule the choice depends on
+    the outputs. Noise trained on the members is then too large, and the variance is not calibrated, even
+    guarded. Check it on held-out data.
 
     Choose with the present hyperparameters, then train them on the kept points (thesis 6.1.1).
     """

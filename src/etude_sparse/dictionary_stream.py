@@ -77,8 +77,9 @@ class DictionaryStream:
     """The points kept so far of one output, and the inverse of their covariance. Changes with every `offer`.
 
     The one mutable object of the family, because an online update may not copy u² numbers. The inverse
-    belongs to A = k(D, D) + d I with d = max(sn², 1e-6 s0²), s0² the prior variance over the first points
-    offered; it is computed anew every `refresh_every` replacements, and at once if a pivot shows rounding.
+    belongs to A = k(D, D) + d I with d = max(sn², 1e-6 s0²), where s0² is the prior variance over the first
+    points offered. It is computed anew every `refresh_every` replacements, and at once if a pivot shows
+    rounding.
 
     Args:
         gp: kernel, hyperparameters and noise.

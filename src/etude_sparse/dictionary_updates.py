@@ -109,8 +109,8 @@ def _product(P: Array, k: Array, n: int, a: Array) -> None:
 def _refine(members: Members, right: Array, solution: Array, residual: Array, step: Array) -> None:
     """One step of iterative refinement of A solution = right.
 
-    A product with P alone leaves a residual of the condition number times rounding, which an update then
-    divides by a variance near d: this, not the number of updates, is what spoils P.
+    A product with P alone leaves a residual of the condition number times rounding. An update then divides it
+    by a variance near d; this, not the number of updates, spoils P.
     """
     n = members.counts[0]
     _product(members.A, solution, n, residual)
@@ -125,9 +125,9 @@ def _refine(members: Members, right: Array, solution: Array, residual: Array, st
 def _score(kind: int, guard: float, diagonal: float, error: float, variance: float) -> float:
     """What a point is worth, from its error and variance (d included) given the others.
 
-    Guarded error: v (1 + g v / (v + d)) with v the latent variance and g = z² up to guard², falling as
-    guard⁴ / z² beyond, z² = error² / (v + d). A large error makes a point worth more only as far as data
-    there can reduce it, an implausible one hardly at all; and no point is worth less than its variance.
+    Guarded error: v (1 + g v / (v + d)) with v the latent variance and g = z² up to guard², falling as guard⁴
+    / z² beyond, z² = error² / (v + d). A large error raises the worth of a point only as far as data there
+    can reduce it. An implausible error hardly raises it, and no point is worth less than its variance.
     """
     if kind == VARIANCE:
         return variance

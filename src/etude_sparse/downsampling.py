@@ -16,10 +16,10 @@ from etude.types import Array
 class DownsampledGP:
     """Exact regression on every `every`-th point, or on `count` points evenly spread (`protocols.Regressor`).
 
-    Choose it first: samples of a smooth motion repeat their neighbours, so thinning loses little, and what
-    it keeps does not depend on the outputs, so that variances stay those of an exact process on the points
-    kept. It forgets nothing but grows with every trajectory if it goes by `every`, and is diluted if it goes
-    by `count`; where that hurts, a dictionary keeps the informative points instead.
+    Choose it first: samples of a smooth motion repeat their neighbours, so thinning loses little. The
+    selection does not depend on the outputs, so variances stay those of an exact process on the selected
+    points. With `every` it forgets nothing but grows with every trajectory; with `count` it is diluted. Where
+    that hurts, a dictionary keeps the informative points instead.
 
     Attributes:
         gp: the process.

@@ -85,9 +85,9 @@ class IncrementalSpectrum:
 
     Choose it to follow a robot that changes, at a cost per sample that does not grow: O(m²), and O(m) for a
     mean. It keeps no samples and trains no hyperparameters: take those of a `SparseSpectrumGP` trained on
-    earlier logs. Its variance is the batch model's, with the same deficit; with forgetting it describes a
-    function that the data of the last 1/(1 - λ) samples determine, and consecutive samples of one motion
-    count as independent, so it is too small by about their correlation time: not calibrated.
+    earlier logs. Its variance is the batch model's, with the same deficit. With forgetting it describes a
+    function that the last 1/(1 - λ) samples determine. Consecutive samples of one motion count as
+    independent, so the variance is too small by about their correlation time and not calibrated.
 
     With forgetting λ < 1, sample i of n weighs λ^(n - i) and the prior must not fade with the samples:
     A <- λ A + φφᵀ + (1 - λ)(m sn²/s0²) I. The last term has full rank. It is paid in turn, a few weights at

@@ -106,14 +106,13 @@ class LocalGP:
     """A partition of the inputs with an exact process in each part (keeps `protocols.Regressor.condition`).
 
     Choose it for many samples that all should count, when one exact process of them is too large and samples
-    keep coming: an update costs O(capacity²), a mean O(nearest capacity). It trains no hyperparameters: take
+    keep coming. An update costs O(capacity²), a mean O(nearest capacity). It trains no hyperparameters: take
     those of an exact process. Dictionaries and inducing points give a better variance, and covariances.
 
-    A sample starts a local model if none is activated by more than `generate`; the activation of a model
-    with centre c is exp(-|(x - c)/lengths|²/2). Otherwise it joins the model it activates most, whose centre
-    moves to the mean of all samples that joined. A full model keeps the samples that tell most: it is a
-    dictionary with the variance rule, so the sample that the others determine best goes (the paper's
-    information gain).
+    A sample starts a local model if none is activated by more than `generate`. The activation of a model with
+    centre c is exp(-|(x - c)/lengths|²/2). Otherwise it joins the model it activates most, whose centre moves
+    to the mean of all samples that joined. A full model is a dictionary with the variance rule: it drops the
+    sample that the others determine best (the paper's information gain).
 
     Attributes:
         gp: kernel, hyperparameters and noise of every local model; zero mean, so the caller centres y.

@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # a campaign loads only the member that it uses
 def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
     """Exact regression on `points` samples: evenly spread ones, improved by offering every other.
 
-    Hyperparameters come from the chosen samples, not from the members: those of the error rule were picked
-    for their errors, and would teach too large a noise.
+    Hyperparameters come from the chosen samples, not from the members. The error rule picks members for their
+    errors, so noise trained on them is too large.
     """
     from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 

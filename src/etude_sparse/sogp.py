@@ -32,14 +32,13 @@ JITTER = 1e-12
 class SOGP:
     """Sparse online Gaussian process with given hyperparameters; zero mean, so the caller centres y.
 
-    Choose it to learn during operation at a bounded price a sample, when every sample should count: one that
-    is not kept is projected onto the basis points, where a dictionary would throw it away. It costs O(u²),
-    and O(u³) with a small factor when a basis point is deleted: 0.4 ms at u = 100, some 3 ms at 300. It has
-    no likelihood to train (take its hyperparameters from exact or inducing-point training), and it never
-    forgets, so a robot that changes is followed slowly. Its variance is that of the exact process while no
-    basis point was deleted and no sample projected; afterwards it is an approximation that depends, through
-    the choice of what to delete, on the outputs, and it may rise with more data. Check z² on a held-out
-    trajectory before using it.
+    Choose it to learn during operation at a bounded cost per sample, when every sample should count. A sample
+    that is not kept is projected onto the basis points; a dictionary would discard it. It costs O(u²), and
+    O(u³) with a small factor when a basis point is deleted: 0.4 ms at u = 100, some 3 ms at 300. It has no
+    likelihood to train: take its hyperparameters from exact or inducing-point training. It never forgets, so
+    it follows a changing robot slowly. Its variance is that of the exact process while no basis point was
+    deleted and no sample projected. Afterwards it is an approximation: it depends on the outputs through the
+    choice of deletions, and may rise with more data. Check z² on a held-out trajectory before using it.
 
     Csató and Opper 2002. Without deletions and with novel samples it equals exact regression in any order.
 
@@ -100,8 +99,8 @@ class OnlineProcess:
 
     With f(basis) = L z, L the Cholesky factor of k(basis, basis), the state is the posterior of z, N(m, S).
     In the paper's quantities alpha = L^-T m, Q = (L Lᵀ)^-1 and C = L^-T (S - I) L^-1. These can be huge where
-    S and m are of order 1: on neighbouring samples of a smooth motion recursions in Q and C diverge within
-    some hundred samples, those in z do not.
+    S and m are of order 1. On neighbouring samples of a smooth motion, recursions in Q and C diverge within
+    some hundred samples; those in z do not.
 
     Attributes:
         samples: number absorbed.

@@ -31,8 +31,8 @@ class SparseSpectrumGP:
 
     Choose it for many samples (thousands) and fast predictions of constant cost, or to learn on line
     (`incremental_spectrum`). Its covariance is periodic: far from the data the uncertainty does not return to
-    the prior, and with few spectral points the variance is much too small even nearby (median 0.4 of the full
-    process's at m = 100 in six dimensions), more so when the points are learned. It ranks motions well, so it
+    the prior. With few spectral points the variance is much too small even nearby: median 0.4 of the full
+    process's at m = 100 in six dimensions. Learned points make it smaller still. It ranks motions well, so it
     is fit for design and control; never stop or certify on it without a calibration on held-out motions.
 
     Attributes:
@@ -109,8 +109,8 @@ class SparseSpectrumGP:
     def condition(self, X: Array, y: Array) -> SparseSpectrumPosterior:
         """The posterior given X (n, D) and centred y (n,); any n >= 1.
 
-        Without noise and with n < 2m the weights are not determined; then noise is added until they are, the
-        posterior's `noise_variance` includes it, and a JitterWarning tells.
+        Without noise and with n < 2m the weights are not determined. Noise is then added until they are, with
+        a JitterWarning; the posterior's `noise_variance` includes it.
 
         Raises:
             DataError: unusable X or y. UsageError: X has another D. NumericalError: hyperparameters beyond

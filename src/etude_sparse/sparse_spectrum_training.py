@@ -83,8 +83,8 @@ def fit_sparse_spectrum(
     """Train from the parameters of `gp` (a warm start; learned points included) on X (n, D), centred y (n,)
     or, for outputs that share all, (n, m).
 
-    Learned points can memorise noise: 2m weights and m D frequencies face n samples, and the likelihood
-    alone does not stop them below about n = 20 m. Guards, to be combined: the points' own N(0, I) density
+    Learned points can memorise noise: 2m weights and m D frequencies face n samples. Below about n = 20 m the
+    likelihood alone does not prevent it. Guards, to be combined: the points' own N(0, I) density
     (`point_prior`), a held-out trajectory, or fixed points.
 
     Args:
@@ -122,8 +122,8 @@ def fit_sparse_spectrum(
 def held_out_error(gp: SparseSpectrumGP, data: tuple[Array, Array], held_out: tuple[Array, Array]) -> float:
     """Mean squared error of the held-out outputs, predicted from the data.
 
-    Not their density: a sparse spectrum's variance is calibrated afterwards, and while points are learned it
-    falls at once, so that the density condemns a training that is about to halve the error.
+    Not their density: a sparse spectrum's variance is calibrated afterwards. While points are learned the
+    variance falls at once, so the density rejects a training that is about to halve the error.
     """
     (X, y), (X_out, y_out) = data, held_out
     pairs = zip(columns_of(y), columns_of(y_out), strict=True)

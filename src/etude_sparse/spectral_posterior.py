@@ -63,8 +63,8 @@ def cosine_sine(phases: Array, cosine: Array, sine: Array) -> None:
     """Cosines and sines of `phases` into the arrays given; `phases` is overwritten.
 
     From t = tan(phase/2): cos = (1 - t²)/(1 + t²) and sin = 2t/(1 + t²), exact to a few roundings everywhere.
-    One transcendental instead of two, and of the three the only one NumPy computes several at a time:
-    measured 5 ms instead of 32 ms for 3000 x 200, a third of a likelihood with its gradient.
+    One transcendental instead of two, and the only one of the three that NumPy vectorises. Measured: 5 ms
+    instead of 32 ms for 3000 x 200, a third of a likelihood with its gradient.
     """
     phases *= 0.5
     t = np.tan(phases, out=phases)

@@ -21,10 +21,10 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     """Exact regression on a dictionary of `points` samples that each new trajectory is offered to.
 
     The first trajectory fills it, evenly spread. The samples of a later one are offered with the
-    hyperparameters of the last training, which then goes on (or starts anew, or is left out, as the schedule
-    says) on the members themselves: thesis 6.1.1. The rule is bare: a swap needs no gain, and errors (2.8)
-    count in full, so outliers are hoarded and the trained noise is too large. `chosen` and `kept` are not
-    used. With several logs to begin with, the later ones are offered together.
+    hyperparameters of the last training. Training then continues on the members (or starts anew, or is left
+    out, by the schedule): thesis 6.1.1. The rule is bare: a swap needs no gain, and errors (2.8) count in
+    full, so outliers are hoarded and the trained noise is too large. `chosen` and `kept` are not used. With
+    several logs to begin with, the later ones are offered together.
 
     Raises:
         UsageError: several commands: a member is chosen for the errors of one.
@@ -39,7 +39,7 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     first = not len(members)
     if first:
         members = _filled(fit)
-        learned = _on(fit, members)
+        learned = _trained_on(fit, members)
         begun = learned.condition(fit.X[members], columns(fit.Y[members, :1]))
         fit = replace(fit, start=Posteriors((begun,)), config=replace(fit.config, schedule="update"))
     moving = complete_samples(fit)
@@ -51,10 +51,10 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
         members = _selected(gp, fit, rule, members, new)
     elif first:
         return learned, members
-    return _on(fit, members), members
+    return _trained_on(fit, members), members
 
 
-def _on(fit: FitData, members: Index) -> ExactGP:
+def _trained_on(fit: FitData, members: Index) -> ExactGP:
     """The process trained on the members."""
     return trained_process(replace(fit, chosen=members))
 

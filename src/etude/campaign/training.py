@@ -204,7 +204,7 @@ def with_forecast(
         forecast_deviation=tuple(np.sqrt(expected).tolist()),
         latent_deviation=tuple(latent.tolist()),
         noise_deviation=tuple(noise.tolist()),
-        moved=None if before is None else _moved(model, before),
+        moved=None if before is None else _length_scale_change(model, before),
         warnings=(
             *fact.warnings,
             *slow_motion(model.inputs, samples, np.concatenate(references), fact.unmoved),
@@ -241,7 +241,7 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
     return total if model.width is None else total * float(model.width[command])
 
 
-def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
+def _length_scale_change(model: LearnedModel, before: LearnedModel) -> float | None:
     """Largest |change| of a log length scale over all commands; None if kernels differ or are missing."""
     moves = []
     for command, structure in enumerate(model.chosen):
@@ -285,10 +285,10 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     # with two or more motions each is predicted from the others; with one motion, blocks from the rest
     blocks = len(np.unique(samples.group)) < LEAST_LOGS
-    held = _held(campaign, samples)
+    held = _held_commands(campaign, samples)
     with part(0.5 if blocks else 1.0):
         selection = _selected(campaign, samples, inputs, rng, before, held)
-    files = _saved(campaign, number, selection)
+    files = _save_files(campaign, number, selection)
     fact = replace(
         _trained(campaign, state, every, logs, samples, selection),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[:-new])),
@@ -326,7 +326,7 @@ def _selected(
     return select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
 
 
-def _saved(campaign: Campaign, number: int, selection: ModelSelection) -> list[Path]:
+def _save_files(campaign: Campaign, number: int, selection: ModelSelection) -> list[Path]:
     """The files of the model and of its held-out residuals."""
     path, residuals = campaign.model_folder(number) / MODEL, campaign.model_folder(number) / LEFT_OUT
     save_model(path, selection.model)
@@ -347,7 +347,7 @@ def _trained(
     inputs = selection.model.inputs
     return Trained(
         logs=tuple(logs),
-        held_out_mae=_left_out(selection),
+        held_out_mae=_left_out_errors(selection),
         chosen=label(selection.model.in_use),
         rungs=tuple(selection.chosen),
         calibrated=selection.model.calibrated,
@@ -355,7 +355,7 @@ def _trained(
         robot_seconds=float(sum(one.robot_seconds for one in ingested)),
         recipe=tuple(_recipe_sentences(state, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in inputs.arrays().items()},
-        warnings=(*_notes(inputs), *_some(every, logs), *selection.model.warnings),
+        warnings=(*_notes(inputs), *_subset_notice(every, logs), *selection.model.warnings),
         body=body_of(campaign),
     )
 
@@ -391,7 +391,7 @@ def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> t
     return tuple(np.sqrt(squares.sum(axis=0, where=use) / np.maximum(use.sum(axis=0), 1)).tolist())
 
 
-def _some(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:
+def _subset_notice(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:
     """Notice that not all logs are used for training."""
     return (
         (Notice(Warn.SOME_TEACH, {"some": len(logs), "all": len(every)}),) if len(logs) < len(every) else ()
@@ -402,7 +402,7 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
     return stated(inputs.notes) if isinstance(inputs, SupportsNotes) else ()
 
 
-def _held(campaign: Campaign, samples: Samples) -> Mask:
+def _held_commands(campaign: Campaign, samples: Samples) -> Mask:
     """(J,) commands of coordinates that are held in all logs, if each coordinate has its own command."""
     path = samples.log.get(campaign.kind.path)  # may be missing in logs of flights
     return held_commands(campaign, [] if path is None else [path])
@@ -457,7 +457,7 @@ def _plain(score: PredictionScore) -> PrequentialScore:
     )
 
 
-def _left_out(selection: ModelSelection) -> dict[str, float | None]:
+def _left_out_errors(selection: ModelSelection) -> dict[str, float | None]:
     """Mean absolute error of each structure on logs that it had not seen, over commands; null if unknown."""
     errors = {
         structure: float(np.mean(held.errors("absolute"))) for structure, held in selection.held_out.items()

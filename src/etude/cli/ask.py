@@ -72,7 +72,10 @@ class Ask(Common):
 
         campaign = opened(self.folder)
         proposal = self._propose(campaign, say)
-        unverified, slowly = _unverified(proposal), self.speed == 100 and _assumed(proposal.certificate)
+        unverified, slowly = (
+            _unverified(proposal),
+            self.speed == 100 and _has_assumed_margin(proposal.certificate),
+        )
         files = [str(proposal.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             *(f"! {notice}" for notice in proposal.certificate.warnings),
@@ -80,7 +83,7 @@ class Ask(Common):
             *_renewed(proposal),
             table(ROW, _rows([row for row in proposal.certificate.verified if row.upper < math.inf]), keys=2),
             *_distances([row for row in proposal.certificate.verified if row.upper == math.inf]),
-            *_swept(proposal.swept),
+            *_swept_table(proposal.swept),
             *_control(proposal.certificate),
             f"Proved for all times{_sampled(proposal.certificate)}; {_ends(proposal.certificate)}.",
             *_to_confirm(campaign.spec),
@@ -90,9 +93,9 @@ class Ask(Common):
             *(f"  {name}" for name in files),
             *([] if proposal.approach is None else _approach(proposal.approach)),
             *(line for one in proposal.exported for line in _exported(one)),
-            *([] if self.start else _offered(campaign)),
+            *([] if self.start else _start_poses(campaign)),
             *([SLOWLY] if slowly else []),
-            *_then(self),
+            *_next_steps(self),
         ]
         data = {
             "number": proposal.number,
@@ -149,7 +152,7 @@ class Ask(Common):
         )
 
 
-def _swept(rows: Sequence[Swept]) -> list[str]:
+def _swept_table(rows: Sequence[Swept]) -> list[str]:
     """How much of where each joint can be the segments go through, and what stands in the way of more."""
     if not rows:
         return []
@@ -157,7 +160,7 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
     return [table(["swept", "of the range", "of the collision-free range", "limited by"], body)]
 
 
-def _then(command: Ask) -> list[str]:
+def _next_steps(command: Ask) -> list[str]:
     folder = typed(command.folder)
     if command.payload:
         return [f"Run it with the payload, then: etude payload {folder} --log LOG"]
@@ -205,7 +208,7 @@ def _control(certificate: Certificate) -> list[str]:
     return [f"Tracking margins: under {under}."] if under else []
 
 
-def _assumed(certificate: Certificate) -> bool:
+def _has_assumed_margin(certificate: Certificate) -> bool:
     """Whether a margin of tracking is somebody's word alone."""
     return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.verified)
 
@@ -267,7 +270,7 @@ def _sampled(certificate: Certificate) -> str:
     return "".join(f", except {quantity}: {method.split(';')[0]}" for quantity, method in rows.items())
 
 
-def _offered(campaign: Campaign) -> list[str]:
+def _start_poses(campaign: Campaign) -> list[str]:
     """Where else robots of this kind stand, from which a way can be had too: the ground."""
     from etude.campaign.propose.approach import HOME, poses_of
 

@@ -84,7 +84,7 @@ def versions() -> list[Check]:
         Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}"),
         *_name(),
     ]
-    for library in _needs(""):
+    for library in _libraries(""):
         try:
             checks.append(Check(library, "green", metadata.version(library)))
         except metadata.PackageNotFoundError:
@@ -157,8 +157,10 @@ def browser() -> Check:
 def extras() -> list[Check]:
     """Each extra with the one line that installs it."""
     checks = []
-    for extra in sorted(set(_stated("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
-        missing = [requirement for requirement in _requirements(extra) if not _there(_name_of(requirement))]
+    for extra in sorted(set(_metadata_lines("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
+        missing = [
+            requirement for requirement in _requirements(extra) if not _is_installed(_name_of(requirement))
+        ]
         if missing:
             # by the libraries' names: the extra's would fetch a stranger's package, docs/decisions/0048
             quoted = " ".join(f"'{requirement}'" for requirement in missing)
@@ -167,11 +169,11 @@ def extras() -> list[Check]:
             )
             checks.append(Check(f"extra {extra}", "yellow", sentence))
         else:
-            checks.append(Check(f"extra {extra}", "green", ", ".join(_needs(extra))))
+            checks.append(Check(f"extra {extra}", "green", ", ".join(_libraries(extra))))
     return checks
 
 
-def _needs(extra: str) -> list[str]:
+def _libraries(extra: str) -> list[str]:
     """Libraries that the package asks for, of one extra or ("") always."""
     return [_name_of(line) for line in _requirements(extra)]
 
@@ -179,7 +181,7 @@ def _needs(extra: str) -> list[str]:
 def _requirements(extra: str) -> list[str]:
     """The same with their bounds, as pip takes them: "rosbags>=0.10.9"."""
     requirements = []
-    for line in _stated("Requires-Dist"):
+    for line in _metadata_lines("Requires-Dist"):
         match = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
         if (match[1] if match else "") == extra:
             requirements.append(line.partition(";")[0].replace(" ", ""))
@@ -191,7 +193,7 @@ def _name_of(requirement: str) -> str:
     return named[0] if named else requirement
 
 
-def _stated(what: str) -> list[str]:
+def _metadata_lines(what: str) -> list[str]:
     """Lines of the installed package's metadata; none where it runs from its sources alone."""
     try:
         return [str(line) for line in metadata.metadata("etude").get_all(what) or ()]
@@ -199,7 +201,7 @@ def _stated(what: str) -> list[str]:
         return []
 
 
-def _there(library: str) -> bool:
+def _is_installed(library: str) -> bool:
     try:
         metadata.version(library)
     except metadata.PackageNotFoundError:

@@ -76,7 +76,7 @@ class Init(Common):
         if self.trust:
             trust_robot(self.robot)
             say(TRUSTED.format(self.robot))
-        lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
+        lines = [f"Campaign {self.folder} for {campaign.name}: {_axes_sentence(campaign)}."]
         if confirm:
             lines += [
                 "Please confirm, and take out of confirm in robot.toml:",
@@ -145,7 +145,7 @@ def _ranges(entries: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     return ranges
 
 
-def _moves(campaign: Campaign) -> str:
+def _axes_sentence(campaign: Campaign) -> str:
     """What moves, and what is commanded where that is something else."""
     axes, commands = campaign.axes, campaign.command.parts
     what = f"{len(axes)} axes ({', '.join(axes)})"

@@ -62,7 +62,7 @@ class Learn(Common):
         for folder in self.folders:
             opened(folder)  # what is no campaign is told before anything is learned
         outcomes = {}
-        for one in self._learned(paths, say):
+        for one in self._learn(paths, say):
             outcomes[one.folder] = one
             say(f"{len(outcomes)} of {len(paths)}: {one.folder}: {one.sentence.rstrip('.')}.")
         rows = [outcomes[path] for path in paths]
@@ -73,7 +73,7 @@ class Learn(Common):
             "\n".join(lines), data, code_of(changed=False, refused=any(one.problem for one in rows))
         )
 
-    def _learned(self, paths: Sequence[str], say: Say) -> Iterator[LearnedFolder]:
+    def _learn(self, paths: Sequence[str], say: Say) -> Iterator[LearnedFolder]:
         if self.workers is None and not self.cluster:
             yield from map(learn_campaign, paths)
             return

@@ -146,12 +146,12 @@ class Page(StringIO):
         """Prints the page, nothing wider than the terminal: tyro breaks lines in its boxes only."""
         text = self.getvalue()
         if "usage:" in text[:20]:
-            text = "\n".join(_broken(USAGE.sub(r"\1COMMAND", text, count=1).rstrip().splitlines())) + "\n"
+            text = "\n".join(_wrap_lines(USAGE.sub(r"\1COMMAND", text, count=1).rstrip().splitlines())) + "\n"
         self.stdout.write(text)
         self.stdout.flush()
 
 
-def _broken(lines: Sequence[str]) -> list[str]:
+def _wrap_lines(lines: Sequence[str]) -> list[str]:
     wrapped: list[str] = []
     for line in lines:
         fits = len(ESCAPE.sub("", line)) <= width()
@@ -175,7 +175,7 @@ def command(arguments: Sequence[str]) -> Command:
     names = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in names}
     of_one = len(names) == 1
-    merged = merged_options(arguments[1:], _several(classes[first])) if of_one else list(arguments)
+    merged = merged_options(arguments[1:], _multiple_options(classes[first])) if of_one else list(arguments)
     for command_class in classes.values():
         describe_fields(command_class)
     page, wrong = Page(sys.stdout), StringIO()
@@ -238,7 +238,7 @@ def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str
     return [*others, *(word for group in repeated.values() for word in group)]
 
 
-def _several(command: type) -> list[str]:
+def _multiple_options(command: type) -> list[str]:
     """Options of a command that take several words at once."""
     options = []
     for name, hint in get_type_hints(command, include_extras=True).items():

@@ -140,7 +140,7 @@ class Watch(Common):
 
 def _watched_lines(watched: Watched, folder: Path) -> list[str]:
     width = max(len(one.path.name) for one in watched.logs)
-    lines = [f"{one.path.name.ljust(width)}  {_word(one)}{one.sentence}" for one in watched.logs]
+    lines = [f"{one.path.name.ljust(width)}  {_verdict_prefix(one)}{one.sentence}" for one in watched.logs]
     lines.append(watched.sentence)
     if watched.proposal is not None:
         made = watched.proposal
@@ -152,7 +152,7 @@ def _watched_lines(watched: Watched, folder: Path) -> list[str]:
     return lines
 
 
-def _word(one: WatchedLog) -> str:
+def _verdict_prefix(one: WatchedLog) -> str:
     return "refused: " if one.verdict == "refused" else ""
 
 

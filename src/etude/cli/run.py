@@ -66,7 +66,7 @@ class RunRobot(Common):
                     campaign, player, person, options, say=say, tell_event=printer, seen=put_sample
                 )
             report = "" if self.dry_run else _report(campaign, say)
-            view = _drawn(campaign, result, say)
+            view = _draw_motion(campaign, result, say)
         written = {"report": report, "view": view}
         return Outcome("\n".join(_lines(campaign, result, [report, view])), {**_data(result), **written}, 0)
 
@@ -185,7 +185,7 @@ def _report(campaign: Campaign, say: Say) -> str:
     return str(build_report(campaign.path))
 
 
-def _drawn(campaign: Campaign, result: RunResult, say: Say) -> str:
+def _draw_motion(campaign: Campaign, result: RunResult, say: Say) -> str:
     """The page of the motion that a dry run would begin with; "" where there is none, or it says why."""
     from etude.errors import UsageError
     from etude.report.space import write_view
@@ -208,7 +208,7 @@ def _lines(campaign: Campaign, result: RunResult, written: Sequence[str]) -> lis
     ]
     if result.confirmed is not None:
         rows += [
-            [f"confirm {result.confirmed['number']}", name, *map(_shown, result.confirmed[name])]
+            [f"confirm {result.confirmed['number']}", name, *map(_format_error, result.confirmed[name])]
             for name in ("without", "with")
         ]
     lines = [table([f"mean error, {unit}", "", *campaign.axes], rows, keys=2)] if rows else []
@@ -220,7 +220,7 @@ def _lines(campaign: Campaign, result: RunResult, written: Sequence[str]) -> lis
     return [*lines, *(f"Written: {path}" for path in written if path)]
 
 
-def _shown(error: float | None) -> str:
+def _format_error(error: float | None) -> str:
     return "-" if error is None else f"{error:.3f}"
 
 

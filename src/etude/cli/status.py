@@ -151,7 +151,9 @@ def _held_out(facts: Mapping[str, Any]) -> list[str]:
         f"nMSE within log {held_out['number']}, blocks {blocks} of {held_out['of']} from the others{used}.",
         "It says little of another motion, which may err many times as much: tell a second log.",
         _by_output(facts, _with_selected(facts, held_out["nmse"])),
-        *_standing(facts, *(_with_selected(facts, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))),
+        *_at_rest_scores(
+            facts, *(_with_selected(facts, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))
+        ),
     ]
 
 
@@ -190,10 +192,13 @@ def _structure_lines(facts: Mapping[str, Any]) -> list[str]:
         structure: [o for o, r in zip(facts["outputs"], structures, strict=True) if r == structure]
         for structure in dict.fromkeys(structures)
     }
-    return [f"{', '.join(outputs)}: {_made_of(structure)}." for structure, outputs in by_structure.items()]
+    return [
+        f"{', '.join(outputs)}: {_describe_structure(structure)}."
+        for structure, outputs in by_structure.items()
+    ]
 
 
-def _made_of(structure: str) -> str:
+def _describe_structure(structure: str) -> str:
     base, plus, _ = structure.partition("+")
     physics = BASES.get(base, f"{base} physics")
     if base == "gp":
@@ -211,7 +216,7 @@ def _prequential(facts: Mapping[str, Any]) -> list[str]:
         f"nMSE of log {facts['scored_log']}, predicted before it was learned"
         f" (selected now: {_in_use(facts)}):",
         _by_output(facts, scores),
-        *_standing(
+        *_at_rest_scores(
             facts, scores, {kind: score.get("nmse_all") for kind, score in facts["prequential"].items()}
         ),
     ]
@@ -244,7 +249,9 @@ def _confirmed(facts: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _standing(facts: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
+def _at_rest_scores(
+    facts: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]
+) -> list[str]:
     """The same with the samples of standing joints, if there were any."""
     scores = {kind: values for kind, values in every.items() if values}
     if not scores or all(values == moving.get(kind) for kind, values in scores.items()):

@@ -112,7 +112,7 @@ def require_studies(what: str = "study") -> None:
 def functions() -> dict[str, str]:
     """Studies that are a function each: name -> what the first line of its module says."""
     lines = {}
-    for name, study in _loaded().items():
+    for name, study in _load_studies().items():
         if not isinstance(study, StudyRoom):
             text = inspect.getdoc(inspect.getmodule(study)) or ""
             lines[name] = text.partition("\n")[0].partition(": ")[2]
@@ -121,10 +121,10 @@ def functions() -> dict[str, str]:
 
 def rooms() -> list[StudyRoom]:
     """Studies of many ids."""
-    return [room for room in _loaded().values() if isinstance(room, StudyRoom)]
+    return [room for room in _load_studies().values() if isinstance(room, StudyRoom)]
 
 
-def _loaded() -> dict[str, Any]:
+def _load_studies() -> dict[str, Any]:
     """Every study that can be loaded; what is wrong with the others says `etude plugins`."""
     studies = {}
     for name in _study_names("study"):
@@ -221,7 +221,7 @@ class Study(Common):
     def run(self, say: Say) -> Outcome:
         require_studies()
         if self.action not in ACTIONS:  # the short form of the studies that have one id each
-            return self._one(self.action)
+            return self._run_one(self.action)
         if self.action == "list":
             return _listed()
         if self.action == "report":
@@ -231,12 +231,12 @@ class Study(Common):
         room = room_of(self.id)
         if room is None:
             if self.action == "run" and self.id in functions():
-                return self._one(self.id)
+                return self._run_one(self.id)
             raise no_study(self.id)
         text, data = room.run(self.id, self._options, say) if self.action == "run" else room.show(self.id)
         return Outcome(text, data)
 
-    def _one(self, name: str) -> Outcome:
+    def _run_one(self, name: str) -> Outcome:
         if self.seeds is not None and self.seeds < 1:
             raise UsageError(f"{self.seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
         options = {"json": self.json, "seed": self.seed, "seeds": SEEDS if self.seeds is None else self.seeds}

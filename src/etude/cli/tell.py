@@ -105,12 +105,12 @@ def _lines(result: IngestResult) -> list[str]:
     if result.repairs:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in result.repairs)]
     lines += [result.start] if result.start else []
-    lines += _held(result)
+    lines += _awaiting_answer(result)
     lines += [f"Log {result.number} is set aside: nothing learns from it."] if result.excluded else []
     return [*lines, *_learned(result.learned), *(f"Warning: {notice}" for notice in result.warnings)]
 
 
-def _held(result: IngestResult) -> list[str]:
+def _awaiting_answer(result: IngestResult) -> list[str]:
     """What is to be answered before the log is learned."""
     if not result.awaits_answer:
         return []
@@ -127,26 +127,26 @@ def _table(many: IngestedMany) -> list[str]:
     outcomes = ["refused" if file.ingested is None else file.sentence for file in many.files]
     rows = [f"{file.path.name.ljust(width)}  {one}" for file, one in zip(many.files, outcomes, strict=True)]
     warnings = [f"Warning: {notice}" for notice in many.warnings]
-    return [*rows, *_explained(many), *_learned(many.learned), *warnings]
+    return [*rows, *_shared_sentences(many), *_learned(many.learned), *warnings]
 
 
-def _explained(many: IngestedMany) -> list[str]:
+def _shared_sentences(many: IngestedMany) -> list[str]:
     """What is to be known beside the outcomes: a sentence that several files share stands once."""
     names: dict[str, list[str]] = {}
     for file in many.files:
         for sentence in _sentences(file):
             names.setdefault(sentence, []).append(file.path.name)
-    return [f"{_some(files)}: {sentence}" for sentence, files in names.items()]
+    return [f"{_first_names(files)}: {sentence}" for sentence, files in names.items()]
 
 
 def _sentences(file: IngestedFile) -> list[str]:
     if file.ingested is not None:
-        return [*file.ingested.repairs, *_held(file.ingested)]
+        return [*file.ingested.repairs, *_awaiting_answer(file.ingested)]
     error = file.refused
     return [] if error is None else [f"{error.fact.rstrip('.')}. {error.next_step}".rstrip()]
 
 
-def _some(names: list[str], most: int = 4) -> str:
+def _first_names(names: list[str], most: int = 4) -> str:
     """The names; of more than `most` the first ones, since the table above has all."""
     return ", ".join(names if len(names) <= most else [*names[:most], f"{len(names) - most} more"])
 

@@ -48,11 +48,11 @@ def fitted(text: str, stream: TextIO) -> str:
     """
     lines = text.splitlines()
     if stream.isatty():
-        lines = [part for line in lines for part in _broken(line, width())]
+        lines = [part for line in lines for part in _wrap(line, width())]
     return "\n".join(_painted(line) for line in lines) if coloured(stream) else "\n".join(lines)
 
 
-def _broken(line: str, columns: int) -> list[str]:
+def _wrap(line: str, columns: int) -> list[str]:
     if len(line) <= columns:
         return [line]
     margin = re.match(r" *(- |next: +|where: +)?", line)

@@ -59,7 +59,7 @@ def certified_playback(
     what = within_tilt(what, limits) if isinstance(what, MotionWithCommands) else what
     motion = what.trajectory if isinstance(what, MotionWithCommands) else what
     files = exporter(what, kind, spec)
-    part = _part(_off(exporter, files), limits)
+    part = _part(_possible_offsets(exporter, files), limits)
     if part == 1.0 or not isinstance(what, MotionWithCommands):
         return files, certify_played(exporter, files, limits, motion, control)
     files = exporter(with_acceleration_share(what, part), kind, spec)
@@ -99,8 +99,8 @@ def certify_played(
     notes = exporter.notes(files) if isinstance(exporter, SupportsFileNotes) else ()
     certificate = certify(curve, limits, control=control, partial=True)
     sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
-    strays = _strays(_off(exporter, files), limits)
-    rows = (*certificate.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
+    strays = _offset_rows(_possible_offsets(exporter, files), limits)
+    rows = (*certificate.rows, *_held_setpoint_rows(curve, limits, control), *_tilts(sent, limits), *strays)
     certificate = replace(certificate, rows=rows, notes=notes)
     for row in certificate.failed:
         if row.quantity == REST:
@@ -144,18 +144,18 @@ def learned_part(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array,
     return curve.times, sent - curve.points[ACCELERATION]
 
 
-def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
+def _possible_offsets(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
     """Planned poses (K, k), and the possible deviations from them if the learned additions are wrong."""
     return exporter.strays(files) if isinstance(exporter, SupportsCommandedFiles) else None
 
 
-def _strays(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
+def _offset_rows(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
     """Rows of the position limits for these poses; margins cover such deviations, too."""
-    offset_limits = [limit for limit in _of_places(limits) if isinstance(limit, SupportsOffsets)]
+    offset_limits = [limit for limit in _position_limits(limits) if isinstance(limit, SupportsOffsets)]
     return [] if off is None else [row for limit in offset_limits for row in limit.strayed(*off)]
 
 
-def _of_places(limits: Sequence[Limit]) -> list[Limit]:
+def _position_limits(limits: Sequence[Limit]) -> list[Limit]:
     return [limit for limit in limits if isinstance(limit, SupportsOrder) and limit.order == 0]
 
 
@@ -169,7 +169,7 @@ def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
         return 1.0
 
     def inside(part: float) -> bool:
-        return all(slack(row) >= 0.0 for row in _strays((off[0], part * off[1]), limits))
+        return all(slack(row) >= 0.0 for row in _offset_rows((off[0], part * off[1]), limits))
 
     low, high = LEAST_PART, 1.0
     if inside(high) or not inside(low):
@@ -184,7 +184,7 @@ REST = "largest speed or acceleration"
 """Quantity of the rows on how a receiver holds the first and the last row."""
 
 
-def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
+def _held_setpoint_rows(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
     """Rows for the set-points that a receiver holds before and after playing: rest inside limits and margins.
 
     Before it plays it holds the first row, and afterwards the last one.
@@ -200,7 +200,7 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
         still = np.zeros((ORDERS_HELD, 2, len(orders[0])))
         still[0] = orders[0]
         hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
-        for limit in _of_places(limits):
+        for limit in _position_limits(limits):
             for row in rows_of(limit, hold, partial=True):
                 of = control if row.tracking_margin > 0.0 else ""
                 rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))

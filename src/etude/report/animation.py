@@ -69,7 +69,9 @@ def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
     for k, (trajectory, _) in enumerate(motions):
         fast = trajectory.duration / SECONDS
         caption = f"Motion {k + 1} of {len(motions)}, at {fast:.0f} times its speed"
-        drawn.append(_shown(f'<text class="title" x="12" y="18">{caption}</text>', k, len(motions), total))
+        drawn.append(
+            _visible_during(f'<text class="title" x="12" y="18">{caption}</text>', k, len(motions), total)
+        )
     name = text("The robot along its motions")
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{name}">'
@@ -94,7 +96,7 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
     whole = [mark.extent() for mark in curve_marks(test)]
     x, y = Axis("robot time (s)", floor=0.0), Axis(error_axis(test.unit), log=True)
     x, y = (
-        _fixed(axis, np.concatenate(part))
+        _with_limits(axis, np.concatenate(part))
         for axis, part in zip((x, y), zip(*whole, strict=True), strict=True)
     )
     parts = []
@@ -103,17 +105,17 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
         baselines = {name: series[: max(1, logs)] for name, series in every if logs or len(series) == 1}
         upto = replace(test, learned=test.learned[:logs], baselines=baselines)
         drawn = panel(title, x, y, curve_marks(upto), end_labels=True)
-        parts.append(_shown(drawn, logs, rounds + 1, total))
+        parts.append(_visible_during(drawn, logs, rounds + 1, total))
     return Html(f'<svg viewBox="0 0 {SIZE[0]} {SIZE[1]}">{"".join(parts)}</svg>')
 
 
-def _fixed(axis: Axis, values: Array) -> Axis:
+def _with_limits(axis: Axis, values: Array) -> Axis:
     """The axis with the limits of all values."""
     scale = fitted_scale(axis, values, 0.0, 1.0)
     return replace(axis, limits=(scale.low, scale.high))
 
 
-def _shown(drawing: str, k: int, count: int, total: float) -> str:
+def _visible_during(drawing: str, k: int, count: int, total: float) -> str:
     """A drawing that is visible in the k-th part; the last one stays until the restart, and without
     animation.
     """

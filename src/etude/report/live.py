@@ -148,7 +148,7 @@ class _Server(ThreadingHTTPServer):
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Handles the request and ends with it, even for a slow client."""
-        ended = Timer(LONGEST_S, _end, (request,))
+        ended = Timer(LONGEST_S, _shut_down, (request,))
         ended.daemon = True
         ended.start()
         try:
@@ -163,7 +163,7 @@ class _Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-def _end(request: socket.socket) -> None:
+def _shut_down(request: socket.socket) -> None:
     with suppress(OSError):
         request.shutdown(socket.SHUT_RDWR)
 

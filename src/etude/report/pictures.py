@@ -130,7 +130,7 @@ class Span:
 def recording_picture(log: Log, findings: Sequence[Finding]) -> Html:
     """A standalone SVG with positions and commands; for robots without positions, every state and command."""
     spans = [span for f in findings if f.light in ("yellow", "red") for span in _spans(f)]
-    return standalone_svg([_drawn(log, channel, spans) for channel in _shown(log)])
+    return standalone_svg([_drawn(log, channel, spans) for channel in _main_channels(log)])
 
 
 def _spans(finding: Finding) -> list[Span]:
@@ -140,7 +140,7 @@ def _spans(finding: Finding) -> list[Span]:
     ]
 
 
-def _shown(log: Log) -> list[Channel]:
+def _main_channels(log: Log) -> list[Channel]:
     channels = [c for n, c in log.channels.items() if n in log]
     commands = [c for c in channels if c.role == "command"]
     paths = [log.channels[c.acts_on] for c in commands if c.acts_on in log]

@@ -130,7 +130,7 @@ class DriverSuite:
 
     def test_stop_ends_it_at_rest(self) -> None:
         with self._player() as player:
-            recording = player.play(self._motion(player), _after(0.4, Reaction.STOP), "feedback")
+            recording = player.play(self._motion(player), _react_from(0.4, Reaction.STOP), "feedback")
             assert recording.ended is Ended.STOPPED, f"it ended {recording.ended.value}"
             most = 0.4 + player.about().stop_latency + 2.0 / player.about().rate
             assert recording.reached <= most, f"it went on to {recording.reached:.3f} s"
@@ -139,7 +139,7 @@ class DriverSuite:
 
     def test_kill_ends_it(self) -> None:
         with self._player() as player:
-            recording = player.play(self._motion(player), _after(0.4, Reaction.KILL), "feedback")
+            recording = player.play(self._motion(player), _react_from(0.4, Reaction.KILL), "feedback")
             assert recording.ended is Ended.STOPPED, f"it ended {recording.ended.value}"
             assert recording.reached < recording.motion.duration, "it went on"
 
@@ -158,10 +158,10 @@ class DriverSuite:
         if isinstance(self.driver(), Player):
             return
         with self._player() as player:
-            recording = player.play(self._motion(player), _doing(0.4, _fails), "feedback")
+            recording = player.play(self._motion(player), _call_at(0.4, _raise_error), "feedback")
             about, moving = player.about(), recording.t[-1]
-            stopped = _later(player, moving + about.stop_latency + about.stopping_time)
-            later = _later(player, stopped.t + 0.2)
+            stopped = _sample_at(player, moving + about.stop_latency + about.stopping_time)
+            later = _sample_at(player, stopped.t + 0.2)
             distance = self.velocity * (about.stop_latency + about.stopping_time) + self.error
             far = np.abs(stopped.q - recording.q[-1]).max()
             assert far <= distance, f"it goes on by {far:.3g} after stop()"
@@ -176,7 +176,7 @@ class DriverSuite:
                 player.stop()
                 player.stop()
 
-            recording = player.play(self._motion(player), _doing(0.4, _in_a_thread(twice)), "feedback")
+            recording = player.play(self._motion(player), _call_at(0.4, _in_a_thread(twice)), "feedback")
             assert recording.ended is Ended.INTERRUPTED, f"it ended {recording.ended.value}"
             self._require_rest(recording)
 
@@ -189,7 +189,7 @@ class DriverSuite:
 
     def test_what_the_supervisor_raises_ends_it_at_rest(self) -> None:
         with self._player() as player:
-            recording = player.play(self._motion(player), _doing(0.4, _fails), "feedback")
+            recording = player.play(self._motion(player), _call_at(0.4, _raise_error), "feedback")
             assert recording.ended in (Ended.FAULT, Ended.STOPPED), f"it ended {recording.ended.value}"
 
     def test_faults_end_as_they_have_to(self) -> None:
@@ -203,11 +203,11 @@ class DriverSuite:
                 continue
             if name == "clock drifts" and self.clock > 1.0:
                 continue  # it may
-            recording, reason = self._struck(Faulty(stream, name, after=0.4))
+            recording, reason = self._run_with_fault(Faulty(stream, name, after=0.4))
             ended = recording.ended
             assert ended in fault.ends, f"{fault.words}: it ended {ended.value}, {recording.reason}{reason}"
 
-    def _struck(self, stream: Faulty) -> tuple[Recording, str]:
+    def _run_with_fault(self, stream: Faulty) -> tuple[Recording, str]:
         with Streamed(stream) as player:
             motion = self._motion(player)
             supervisor = Supervisor(self._bounds(), player.about(), motion)
@@ -282,7 +282,7 @@ def _go(sample: Sample) -> Reaction:  # noqa: ARG001
     return Reaction.GO
 
 
-def _after(at: float, reaction: Reaction) -> Watch:
+def _react_from(at: float, reaction: Reaction) -> Watch:
     return lambda sample: reaction if sample.at is not None and sample.at >= at else Reaction.GO
 
 
@@ -298,7 +298,7 @@ class _Held:
         return Reaction.HOLD if 0.0 <= sample.seen - self.since <= self.span else Reaction.GO
 
 
-def _doing(at: float, what: Callable[[], None]) -> Watch:
+def _call_at(at: float, what: Callable[[], None]) -> Watch:
     """Calls it once, at that place of the motion."""
     left = [what]
 
@@ -310,11 +310,11 @@ def _doing(at: float, what: Callable[[], None]) -> Watch:
     return watch
 
 
-def _fails() -> None:
+def _raise_error() -> None:
     raise ZeroDivisionError
 
 
-def _later(player: Player, t: float) -> Sample:
+def _sample_at(player: Player, t: float) -> Sample:
     """What is measured at that time of the robot's clock; at once where that stands still."""
     about, sample = player.about(), player.where()
     while sample.t < t and not about.virtual:

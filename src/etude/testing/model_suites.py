@@ -155,7 +155,7 @@ class KernelSuite:
         """Random log hyperparameters."""
         return np.random.default_rng(self.kernel.size).normal(size=self.kernel.size) * 0.5
 
-    def _among(self, theta: Array, X: Array) -> Array:
+    def _covariance(self, theta: Array, X: Array) -> Array:
         """(n, n) cross of X with itself, plus the noise that `noisy` allows."""
         shared = self.kernel.value(theta, X, X)
         if not self.noisy:
@@ -176,7 +176,7 @@ class KernelSuite:
         kernel, X, theta = self.kernel, self.inputs(9, 0), self.theta
         K = kernel.gram(theta, X)[0]
         assert K.shape == (9, 9), "gram is (n, n)"
-        close(self._among(theta, X), K, 1e-11, "cross of X with itself")
+        close(self._covariance(theta, X), K, 1e-11, "cross of X with itself")
         close(kernel.diagonal(theta, X), K.diagonal(), 1e-11, "diagonal")
         close(K.T, K, 1e-11, "symmetry")
         Z = self.inputs(4, 1)
@@ -191,7 +191,7 @@ class KernelSuite:
     def test_theta_gradient(self) -> None:
         kernel, X, theta = self.kernel, self.inputs(7, 3), self.theta
         G = np.random.default_rng(4).normal(size=(7, 7))
-        expected = central(lambda t: float(np.sum(G * self._among(t, X))), theta)
+        expected = central(lambda t: float(np.sum(G * self._covariance(t, X))), theta)
         close(kernel.theta_gradient(theta, X, G), expected, 1e-6, "gradient in theta")
 
     def test_input_gradient(self) -> None:

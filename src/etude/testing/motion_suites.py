@@ -140,7 +140,7 @@ class LimitSuite:
             if not self.limit.cones(family):
                 return  # nothing is admitted by cones
             rows = self.limit.prove(family.trajectory(p))
-            margins = [_room(row) for row in rows if row.status == "proved"]
+            margins = [_slack(row) for row in rows if row.status == "proved"]
             assert margins, "the limit proves nothing"
             assert min(margins) >= 0.0, f"admitted by the cones, refused by the proof: {rows}"
 
@@ -152,7 +152,7 @@ class LimitSuite:
             if not self.limit.cones(family):
                 return
             rows = self.limit.prove(family.trajectory(p))
-            assert min(_room(row) for row in rows) < 0.0, "3 % beyond the limit, and still proved"
+            assert min(_slack(row) for row in rows) < 0.0, "3 % beyond the limit, and still proved"
 
     def test_the_proof_holds_what_is_measured(self) -> None:
         for seed in range(3):
@@ -163,9 +163,9 @@ class LimitSuite:
             measured = self.limit.of_motion(trajectory.motion(t, 4))
             assert measured.shape == (PERIODS, len(rows)), "of_motion has one column for each row of prove"
             for row, values in zip(rows, measured.T, strict=True):
-                self._holds(row, values)
+                self._require_bounds(row, values)
 
-    def _holds(self, row: Proof, values: Array) -> None:
+    def _require_bounds(self, row: Proof, values: Array) -> None:
         width = row.upper - row.lower
         size = width if np.isfinite(width) else max(abs(row.proved_lower), abs(row.proved_upper))
         name = f"{row.quantity} of {row.axis}"
@@ -219,7 +219,7 @@ class LimitSuite:
     def test_home_is_inside(self) -> None:
         family = self.family.drawn(np.random.default_rng(0))
         rows = self.limit.prove(family.trajectory(_resting(family, self.home)))
-        assert all(_room(row) >= 0.0 for row in rows if row.status == "proved"), "home is outside the limit"
+        assert all(_slack(row) >= 0.0 for row in rows if row.status == "proved"), "home is outside the limit"
 
     def _edge(self, seed: int, part: float) -> tuple[Family, Array]:
         """A drawn family and parameters in a random direction from home, `part` of the way to the edge."""
@@ -259,11 +259,11 @@ def _reach(cone: Cone, centre: Array, direction: Array) -> float:
     return low
 
 
-def _room(row: Proof) -> float:
+def _slack(row: Proof) -> float:
     """What is left between the proved interval and the limit, a row's less its margin; negative: not kept."""
     return min(row.upper - row.proved_upper, row.proved_lower - row.lower)
 
 
 def worst(rows: Sequence[Proof]) -> float:
     """Least room over all rows."""
-    return min(_room(row) for row in rows)
+    return min(_slack(row) for row in rows)

@@ -74,11 +74,11 @@ def world(kind: Kind, robot: str | Path, name: str = "default") -> World:
     """The robot (built-in name, or a file the kind recognises) with the tables of a preset; made once."""
     key = (id(kind), str(robot), name)
     if key not in _KNOWN:
-        _KNOWN[key] = _opened(kind, robot, name)
+        _KNOWN[key] = _open_world(kind, robot, name)
     return _KNOWN[key]
 
 
-def _opened(kind: Kind, robot: str | Path, name: str) -> World:
+def _open_world(kind: Kind, robot: str | Path, name: str) -> World:
     path = kind.built_in().get(str(robot), Path(robot))
     folder = Path(tempfile.mkdtemp(prefix="etude-testing-"))
     atexit.register(

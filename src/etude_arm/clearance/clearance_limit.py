@@ -12,7 +12,7 @@ bounding spheres are far apart need no slab. An ellipsoid has no corners: its di
 
 Let P_j be the reach of joint j for a pair, and TV_j the joint's total variation between two samples. Between
 them the distance d is at least max((d_1 + d_2 - P.TV) / 2, min(d_1, d_2) - P.TV), since it falls by at most
-P.TV from either end. Intervals where this bound is below the wanted distance are halved.
+P.TV from either end. Intervals where this bound is below the required distance are halved.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class Nearest:
     Attributes:
         proved: (n,) m, lower bounds for all times; if `touched`, the smallest of the samples.
         sampled: (n,) m, the smallest of the samples. x: (n,) its place on the path.
-        touched: whether a sample is below the wanted distance.
+        touched: whether a sample is below the required distance.
         evaluations: number of poses.
     """
 
@@ -433,9 +433,8 @@ class Clearance:
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
-            far = (
-                planned[i] >= CUTOFF - 2.0 * TOLERANCE
-            )  # beyond the measured distances: the nearest gap is unknown
+            # beyond the measured distances: the nearest gap is unknown
+            far = planned[i] >= CUTOFF - 2.0 * TOLERANCE
             counted = float(share[groups[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
             notes = [f"planned distance {CUTOFF:g} m or more"] if far and taken[i] > 0.0 else []

@@ -2,8 +2,8 @@
 
 Points are taken greedily: for each facet of the present hull, the point that stands farthest out. The radius
 is the largest distance of any point from the hull of the taken points, by closed forms. The nearest point of
-a convex body to a point outside lies on a facet that this point is in front of. So the grown hull contains
-every point. The taken points are among them, so no point of the grown hull is farther than the radius from
+a convex body to a point outside lies on a facet that this point is in front of. So the enlarged hull contains
+every point. The taken points are among them, so no point of the enlarged hull is farther than the radius from
 the full hull.
 
 Searches and proofs then concern something larger than the shape. Two shapes that are so close at home that

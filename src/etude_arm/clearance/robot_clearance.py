@@ -28,8 +28,8 @@ from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec
 
 PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
-_reachable: dict[str, Reachable] = {}
-_known: dict[str, tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]] = {}
+_cached_reachable: dict[str, Reachable] = {}
+_cached_clearances: dict[str, tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]] = {}
 
 
 def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
@@ -54,7 +54,7 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
         *not_verified(loaded, complete.around),
     )
     margin = complete.around.collision.margin
-    # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
+    # proofs without tracking margins are cached beyond one limit: a command makes its limits often
     cache = {} if margins else proofs
     return Clearance(
         complete.gaps, spec.names, home, margin, lower, upper, margins, unverified, _proofs=cache
@@ -89,15 +89,15 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
 
 
 POSES = 1024
-"""Random ones that are tried."""
+"""Number of random poses."""
 OWN_POSES, OWN_STEPS = 128, 16
-"""Poses, and places on the way to each, at which limits of the user's own are asked."""
+"""Numbers of poses, and of samples of the line to each, at which limits of the user are evaluated."""
 SEED = 22
-"""Of these: the same robot always has the same."""
+"""Seed of the random poses: the same robot always has the same."""
 LINE = 0.2
-"""rad (m): the longest step of a joint along a straight line that is looked at; clear poses leave room."""
+"""rad (m): the longest step of a joint between samples of a straight line; clear poses leave room."""
 COARSE = 5
-"""Instants of a line that are looked at first: most that collide do so there."""
+"""Number of samples of a line that are evaluated first: most lines that collide do so there."""
 
 
 def one_turn(lower: Array, upper: Array, home: Array, slides: Mask) -> tuple[Array, Array]:
@@ -143,7 +143,7 @@ def reachable_of(spec: ArmSpec) -> Reachable:
     """Reachable poses of an arm; without shapes or limits of the user's own, its ranges alone."""
     clearance = clearance_of(spec, {})
     if clearance is not None:
-        return of_file(_reachable, spec, lambda: reachable(clearance))
+        return of_file(_cached_reachable, spec, lambda: reachable(clearance))
     ranges = ranges_of(spec)
     limits = made_limits(spec.limits, spec, None, {}, spec.names)
     user_limits = [one for one in limits if isinstance(one, SupportsBoxes)]
@@ -241,4 +241,4 @@ def _of(spec: ArmSpec) -> tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof
         weight = None if spec.around.search else weight_on_drives(spec)
         return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file), weight), {}
 
-    return of_file(_known, spec, made)
+    return of_file(_cached_clearances, spec, made)

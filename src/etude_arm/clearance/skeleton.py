@@ -23,7 +23,7 @@ BASE = "base"
 BOX = "box: "
 """Starts the names of geoms that are boxes around the robot."""
 STANDING = " of robot.toml"
-"""Ends the name of what stands around, where a link has that name too: who ignores one means that one."""
+"""Suffix of the name of an object in the surroundings, where a link has the same name."""
 NOTHING: Mapping[str, float] = MappingProxyType({})
 SIDES = 128
 """Of the prism around a cylinder, which is thicker by 0.3 thousandths."""

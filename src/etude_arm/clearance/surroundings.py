@@ -32,7 +32,7 @@ from dataclasses import dataclass, field
 from etude.errors import UsageError
 
 MARGIN = 0.01
-"""m that parts keep from one another and from what stands around, beyond what tracking needs."""
+"""Distance, m, of parts from each other and from the surroundings, beyond the tracking margin."""
 ADD_FLOOR = ": add [floor] with its height."
 """Ends what is to be confirmed of a robot without a floor, until its file has one."""
 SHORTEST = 1e-9

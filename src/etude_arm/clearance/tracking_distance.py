@@ -25,7 +25,7 @@ FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""
 TINY = 1e-12  # m: touching shapes have no direction between them
 LOOKED_WITHIN = 0.02
-"""m beyond what is wanted within which the pose itself is looked at."""
+"""m beyond the required distance within which the pose itself is evaluated."""
 
 
 def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, required: Array) -> Array:

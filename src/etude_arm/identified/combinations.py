@@ -1,4 +1,4 @@
-"""Base parameters of a fit: combinations that no motion separates, and what the logs know of each."""
+"""Base parameters of a fit: combinations that no motion separates, and their identifiability by the logs."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ with s = tanh(l'/v0). Commands act some ms after they are logged: one delay is c
 rates of gravity and of inertial forces pass for friction and armature. v_s and v0 are estimated with all else
 by Gauss and Newton: a shape taken as known makes intervals of Coulomb and viscous friction far too narrow.
 Friction by load and by direction is kept only where the logs show it: the density of the value 0 before the
-logs and after them says by how much (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
+logs and after them gives the evidence (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
 Commands within the dead band make no torque. An encoder at the motor is half the backlash ahead of the link,
 on the side that the force decides; gravity shows where the link is. Both are kept where the logs show them,
 which needs forces against the motion. Where a joint turned round a moment ago the filter has smeared the step
@@ -187,7 +187,7 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
         result = _settled(problem.only(has))
         more = has[:, 0] & (result.fit.extra[:, COULOMB] < 0.0)
         if more.any():
-            # it takes more than all Coulomb friction, so that nothing tells the two apart
+            # the dead band exceeds all Coulomb friction: the data do not separate the two
             nats[:, more] = 0.0
             has[:, 0] &= ~more
             result = _settled(problem.only(has))

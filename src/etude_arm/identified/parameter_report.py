@@ -205,7 +205,7 @@ def _plain(name: str) -> str:
 
 
 def _inertial_sentences(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
-    """Of the inertial parameters."""
+    """Sentences on the inertial parameters."""
     if not inertial:
         return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
     counts = [sum(row["known"] == word for row in inertial) for word in KNOWN]
@@ -221,7 +221,7 @@ def _inertial_sentences(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[st
 
 
 def _delay_sentences(fit: ParameterFit) -> list[str]:
-    """What the logs tell of it; nothing where they tell next to nothing."""
+    """A sentence on the delay of commands, if the logs determine it."""
     value, deviation = 1e3 * np.array(fit.delay)
     is_known = deviation < 1e3 * HARDLY * DELAY
     return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(
@@ -230,7 +230,7 @@ def _delay_sentences(fit: ParameterFit) -> list[str]:
 
 
 def _dead_band_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
-    """Of commands that are no forces, whose drives may have a dead band."""
+    """A sentence on joints with an undecided dead band, for commands that are not forces."""
     nats = np.abs(friction.evidence[:, DEAD_BAND])
     names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
     sentence = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
@@ -252,7 +252,7 @@ WITHOUT = (
 
 
 def _interval_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
-    """Of joints whose terms have no interval."""
+    """A sentence on joints whose terms have no interval."""
     without_interval = np.any(friction.terms, axis=1) & ~np.any(friction.deviation, axis=1)
     names = [name for name, one in zip(spec.names, without_interval.tolist(), strict=True) if one]
     few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"

@@ -273,9 +273,8 @@ def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Arr
             moments[i, j] = moments[j, i] = _numbers(element, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
         low, middle, high = np.linalg.eigvalsh(moments)
         if low < SMALLEST or high > low + middle:
-            moments = np.full(
-                (3, 3), np.nan
-            )  # an impossible inertia: `inertia` replaces it, and a note says so
+            # an impossible inertia: `inertia` replaces it, and a note names the body
+            moments = np.full((3, 3), np.nan)
         parts += _weighing(links, name, mass, _origin(inertial), moments)
     return parts
 

@@ -29,14 +29,14 @@ SHOWN = 5
 """Largest number of names in a sentence."""
 
 
-_known: dict[str, bool] = {}
+_cached: dict[str, bool] = {}
 
 
 def alike(spec: ArmSpec) -> bool:
     """Whether most moving parts of the robot's model file share one inertia; no mesh is read."""
     if spec.model_file is None or not spec.model_file.is_file():
         return False
-    return of_file(_known, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
+    return of_file(_cached, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
 
 
 def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:

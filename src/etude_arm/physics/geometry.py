@@ -9,7 +9,7 @@ from etude_arm.loading.load import of_file
 from etude_arm.physics.transmission import Geometry
 from etude_arm.spec import ArmSpec
 
-_known: dict[str, bool] = {}
+_cached_has_masses: dict[str, bool] = {}
 """Whether a file has masses."""
 _geometries: dict[str, Geometry] = {}
 _friction: dict[str, Array] = {}
@@ -25,7 +25,7 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
     if spec.model_file is None:
         return None
     if not spec.model_file.is_file():
-        return _read(spec)  # which says so
+        return _read(spec)  # raises the error
     return of_file(_geometries, spec, lambda: _read(spec))
 
 
@@ -61,7 +61,7 @@ def has_masses(spec: ArmSpec) -> bool:
         root = parsed(file)  # bodies of an MJCF have a stated mass, or shapes with the density of water
         return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
 
-    return of_file(_known, spec, made)
+    return of_file(_cached_has_masses, spec, made)
 
 
 def file_friction(spec: ArmSpec) -> Array:

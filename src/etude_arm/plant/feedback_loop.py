@@ -193,7 +193,7 @@ class Following(ABC):
         return motion
 
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
-        """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log knows it.
+        """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log has it.
 
         Units: deg; m if all joints slide; % of each joint's range if some do, since a mean over m and deg is
         meaningless.

@@ -12,7 +12,7 @@ torque, V of speed and A of acceleration:
 
 so that the feedback alone tracks to about 1.5 deg: |e| <= |tau_fb| / Kp. Lengths of slides are a tenth of a
 hinge's angles in rad. With the loop outside a torque is held for a tick, and the limit is the smallest
-inertia that a joint can feel: Kd <= 0.8 M_felt rate, Kp <= 0.2 rate Kd, and
+apparent inertia of a joint: Kd <= 0.8 M_apparent rate, Kp <= 0.2 rate Kd, and
 Kp / M <= (0.35 / (1.5 / rate + delay))^2.
 """
 
@@ -116,8 +116,8 @@ class StatedValues:
 
 
 def torque_limit(spec: ArmSpec, stated: Mapping[str, Array], gravity: Array) -> Array:
-    """(J,) N m at the largest command: the owner's, the command limit itself, the file's effort, or 3 times
-    the largest torque that gravity asks for."""
+    """(J,) N m at the largest command: the owner's value, the command limit, the file's effort, or 3 times
+    the largest torque against gravity."""
     if spec.command_unit in FORCES:
         return StatedValues(spec)("torque", spec.command)
     limit = np.where(np.isfinite(stated["effort"]), stated["effort"], 3.0 * np.abs(gravity).max(axis=0))
@@ -144,12 +144,12 @@ class Scales:
 
     Attributes:
         inertia: (POSES, J) the diagonal of the mass matrix, kg m^2 (kg), without armature.
-        felt: the least inertia that a joint can feel with the others free, 1 / (M^-1)_jj, with `armature`.
+        apparent: the least inertia at a joint with the others free, 1 / (M^-1)_jj, with `armature`.
         gravity: (POSES, J) torque that holds the pose, N m (N).
     """
 
     inertia: Array
-    felt: Array
+    apparent: Array
     gravity: Array
 
     @property
@@ -158,7 +158,7 @@ class Scales:
 
 
 def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
-    """Of a model without armature, and of it with `armature` (J,) where it says so."""
+    """Scales of a model without armature; `apparent` includes `armature` (J,)."""
     import mujoco
 
     data, dofs = mujoco.MjData(model), rows(model, spec)
@@ -228,6 +228,6 @@ def gains(
     kp = np.minimum(kp, heaviest * (0.35 / (1.5 / rate + delay)) ** 2)
     kd = 1.8 * np.sqrt(kp * heaviest)
     if loop.loop == "outside":
-        kd = np.minimum(kd, 0.8 * scales.felt * rate)
+        kd = np.minimum(kd, 0.8 * scales.apparent * rate)
         kp = np.minimum(kp, 0.2 * rate * kd)
     return value_of("kp", kp), value_of("kd", kd)

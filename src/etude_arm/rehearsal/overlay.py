@@ -63,7 +63,7 @@ class Simulate:
 
 @dataclass(frozen=True, kw_only=True)
 class MotorTable:
-    """The drive of one joint, as far as its owner knows it; every value at the motor, before the gear.
+    """The known values of the drive of one joint, each at the motor, before the gear.
 
     Attributes:
         name: the joint's.

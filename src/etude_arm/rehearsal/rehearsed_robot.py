@@ -209,7 +209,7 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
     torque = torque_limit(spec, stated, light.gravity)
     too_heavy(spec, light.gravity, torque)
     armature = armature_of(spec, stated, light.median, torque)
-    scales = replace(light, felt=scales_of(model, spec, armature).felt)
+    scales = replace(light, apparent=scales_of(model, spec, armature).apparent)
     motors = motors_of(spec, loop, scales, torque, armature)
     parameters = RunParameters(spec, loaded, loop, motors)
     return RehearsedRobot(parameters, sentences(spec, loop, motors, stated, scales))

@@ -204,14 +204,14 @@ class SpaceLimit:
 
 
 TOOL = "tool"
-_known: dict[str, SpaceLimit] = {}
+_cached_limits: dict[str, SpaceLimit] = {}
 
 
 def space_of(spec: ArmSpec) -> SpaceLimit | None:
     """The limit; None where the robot file has no [cartesian] with a limit in it.
 
     Raises:
-        UsageError: the robot has no model file; or a speed of links is asked of one without shapes.
+        UsageError: the robot has no model file; or link_speed is set and the robot has no shapes.
     """
     table = spec.cartesian
     if table is None or table == Cartesian(point=table.point):
@@ -221,7 +221,7 @@ def space_of(spec: ArmSpec) -> SpaceLimit | None:
             f"robot '{spec.name}' has no model_file, and [cartesian] needs to know where its links are",
             next_step="Add a URDF or MJCF to the robot file, or take [cartesian] out.",
         )
-    return of_file(_known, spec, lambda: _space_limit(spec, table))
+    return of_file(_cached_limits, spec, lambda: _space_limit(spec, table))
 
 
 def _space_limit(spec: ArmSpec, table: Cartesian) -> SpaceLimit:

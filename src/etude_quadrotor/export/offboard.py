@@ -96,9 +96,9 @@ class Offboard:
         return np.asarray(points[2] @ NED.T) if drag.any() else None
 
     def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
-        """Positions (K, 3) m of the set-points, held after the last; and the deviation (K, 3) m of the
-        vehicle from each, beyond tracking, if the compensation of drag is wrong by up to 100 %. None: no
-        compensation. East, north, up.
+        """Positions (K, 3) m of the set-points, held after the last, and the vehicle's deviation (K, 3) m
+        from each. The deviation is that of a compensation of drag that is wrong by up to 100 %, beyond
+        tracking. None: no compensation. East, north, up.
         """
         _, points, drag = _read(files)
         if not drag.any():

@@ -84,11 +84,11 @@ def _edges(motion: Trajectory) -> tuple[Array, float]:
     if len(ends) - 1 > PIECES:
         raise UsageError(f"the motion has {len(ends) - 1} pieces, a Crazyflie's memory holds {PIECES}")
     counts = np.ones(len(ends) - 1, dtype=int)
-    missed = np.array([_missed(motion, a, b, 1) for a, b in itertools.pairwise(ends.tolist())])
+    missed = np.array([_fit_error(motion, a, b, 1) for a, b in itertools.pairwise(ends.tolist())])
     while counts.sum() < PIECES:
         worst = int(np.argmax(missed))
         counts[worst] += 1
-        missed[worst] = _missed(motion, ends[worst], ends[worst + 1], int(counts[worst]))
+        missed[worst] = _fit_error(motion, ends[worst], ends[worst + 1], int(counts[worst]))
     parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(ends, ends[1:], counts, strict=False)]
     # durations are sent in single precision: edges are their sums
     rough = np.diff(np.concatenate([*parts, ends[-1:]])).astype(np.float32).astype(float)
@@ -100,7 +100,7 @@ SAMPLES = 64
 """Number of points of each piece at which it is compared with the motion."""
 
 
-def _missed(motion: Trajectory, start: float, end: float, count: int) -> float:
+def _fit_error(motion: Trajectory, start: float, end: float, count: int) -> float:
     """Error, m, of that number of pieces of equal length against the motion from start to end."""
     times = np.linspace(start, end, count + 1)
     pieces = Splined(times - start, motion.motion(times, ORDERS).orders)

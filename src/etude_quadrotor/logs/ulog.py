@@ -47,7 +47,7 @@ class UlogReader:
             DataError: not a ULog, no such topic, or no topic on the motion of the body and the motors.
             UsageError: pyulog is not installed.
         """
-        ulog, cut = _parsed(path, topics or _needed())
+        ulog, cut = _parsed(path, topics or _flight_topics())
         instances: dict[str, list[Any]] = {}
         for one in ulog.data_list:
             if len(one.data.get("timestamp", ())):
@@ -130,13 +130,15 @@ def motors_of(
     if topic == "actuator_motors":
         named = [i for i in range(count or MOST) if f"control[{i}]" in data]
         indices = [i for i in named if np.isfinite(data[f"control[{i}]"]).any()]
-        return data, _stopped({f"motor_{i + 1}": data[f"control[{i}]"] for i in indices}, notes)
+        return data, _zero_while_disarmed({f"motor_{i + 1}": data[f"control[{i}]"] for i in indices}, notes)
     indices = [i for i in range(count or ROTORS) if f"output[{i}]" in data]
     notes.append(f"Outputs 1 to {len(indices)} of {topic} were taken for the motors.")
-    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, notes) for i in indices}
+    return data, {
+        f"motor_{i + 1}": _fraction_of_pulses(data[f"output[{i}]"], i, parameters, notes) for i in indices
+    }
 
 
-def _stopped(motors: dict[str, Array], notes: list[str]) -> dict[str, Array]:
+def _zero_while_disarmed(motors: dict[str, Array], notes: list[str]) -> dict[str, Array]:
     """Set-points with 0 in place of NaN, which PX4 writes while it is disarmed."""
     off = np.all([np.isnan(values) for values in motors.values()], axis=0)
     if not np.any(off):
@@ -154,7 +156,7 @@ def moves(data: Dataset, name: str) -> bool:
     return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
 
 
-def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], notes: list[str]) -> Array:
+def _fraction_of_pulses(pulses: Array, i: int, parameters: Mapping[str, Any], notes: list[str]) -> Array:
     """Parts of full scale from pulse widths in us, between PX4's configured minimum and maximum."""
     median = float(np.nanmedian(pulses))
     if not PULSE[0] <= median <= PULSE[1]:
@@ -243,7 +245,7 @@ def require_flat_multirotor(
         DataError: it names the airframe and the parameter that states it; or the moments that its rotors
             lack.
     """
-    unsupported = _other(parameters, status[0] if status else {})
+    unsupported = _unsupported_airframe(parameters, status[0] if status else {})
     if unsupported is not None:
         name, parameter = unsupported
         raise DataError(
@@ -261,20 +263,20 @@ def require_flat_multirotor(
         )
 
 
-def _other(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
+def _unsupported_airframe(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
     """The airframe and the parameter that states it; None for a flat multirotor, or if unknown."""
-    if int(_first(status, "is_vtol", 0)):
+    if int(_median_value(status, "is_vtol", 0)):
         return "a VTOL aircraft", f"{STATUS}.is_vtol"
     for parameter, number in (
         ("MAV_TYPE", int(parameters.get("MAV_TYPE", 0))),
-        (f"{STATUS}.system_type", int(_first(status, "system_type", 0))),
+        (f"{STATUS}.system_type", int(_median_value(status, "system_type", 0))),
     ):
         if number and number not in MULTIROTORS:
             return TYPES.get(number, "no multirotor"), f"{parameter} {number}"
     frame = int(parameters.get("CA_AIRFRAME", 0))
     if frame in AIRFRAMES:
         return AIRFRAMES[frame], f"CA_AIRFRAME {frame}"
-    kind = int(_first(status, "vehicle_type", 1))
+    kind = int(_median_value(status, "vehicle_type", 1))
     if kind in VEHICLES:
         return VEHICLES[kind], f"{STATUS}.vehicle_type {kind}"
     count = rotor_count(parameters)
@@ -295,13 +297,13 @@ def _tilted(parameters: Mapping[str, Any], count: int) -> tuple[str, str] | None
     return None
 
 
-def _first(data: Mapping[str, Any], name: str, missing: int) -> float:
-    """The most frequent value of a field, or the default if the topic has no such field."""
+def _median_value(data: Mapping[str, Any], name: str, missing: int) -> float:
+    """The median of a field, or the default if the topic has no such field."""
     values = np.asarray(data.get(name, ()))
     return float(np.median(values)) if len(values) else missing
 
 
-def _needed() -> list[str]:
+def _flight_topics() -> list[str]:
     return sorted({STATUS, *MOTORS, *(name for names, _ in SIGNALS for name in names)})
 
 
@@ -325,7 +327,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
             ) from None
 
 
-def _lacks(path: Path, missing: Sequence[str], present: Iterable[str] = ()) -> DataError:
+def _missing_topics_error(path: Path, missing: Sequence[str], present: Iterable[str] = ()) -> DataError:
     """The error for a log without the topics `missing`, which learning needs."""
     return DataError(
         f"the log has no topic {' or '.join(missing)}",
@@ -355,7 +357,7 @@ def _flight(
     """
     require_flat_multirotor(parameters, instances.get(STATUS, ()), path)
     if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in instances for name in names)]:
-        raise _lacks(path, lacking[0], instances)
+        raise _missing_topics_error(path, lacking[0], instances)
     sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]
     if rotors := rotors_of(parameters):
         text = ", ".join(f"[{x:.4g}, {y:.4g}, {spin:g}]" for x, y, spin in rotors)
@@ -377,7 +379,7 @@ def _flight(
         columns.setdefault(name, {}).update(part)
     data = {name: part for name, part, _ in parts}
     if BATTERY in data:
-        data[BATTERY] = _held(data[BATTERY], columns[BATTERY], data.values())
+        data[BATTERY] = _extended_to_flight(data[BATTERY], columns[BATTERY], data.values())
     return {
         name: _log(data[name], part, path, (*notes, *sentences)) for name, part in columns.items() if part
     }
@@ -455,8 +457,8 @@ def _battery(data: Dataset) -> dict[str, Array]:
     }
 
 
-def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:
-    """A topic that is sent once a second; its values also hold before its first and after its last row."""
+def _extended_to_flight(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:
+    """A slow topic, with its first and last row repeated at the ends of the flight."""
     times = [float(one["timestamp"][k]) for one in others for k in (0, -1)]
     for name, values in columns.items():
         columns[name] = np.concatenate([values[:1], values, values[-1:]])

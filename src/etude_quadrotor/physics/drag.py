@@ -1,7 +1,7 @@
 """Drag from flights: the lateral specific force, which has no part of thrust, as a function of velocity.
 
 In the body frame thrust points along z, so an accelerometer reads only drag along x and y. A feedforward with
-drag leans as far as the motion needs: without it, the thesis's attitude is wrong by 27 degrees at 10 m/s and
+drag leans as far as the motion needs. Without it, the thesis's attitude is wrong by 27 degrees at 10 m/s and
 0.5 1/s. The acceleration is not an input: its noise is also in the output, and would be learned.
 """
 

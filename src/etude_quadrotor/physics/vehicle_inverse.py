@@ -3,8 +3,8 @@
     thrust = m f_z,  moments = J α + ω × J ω,  W² = A⁻¹ [thrust, moments],  V = (R kq / Ke) W² + Ke W
 
 with A the vehicle's allocation: the map from states to voltages of thesis 5, steady in the motors. The term
-of the rotors' own acceleration, (R Jr / Ke) dW/dt, is left out: dW/dt needs the jerk, which is no part of a
-state, and in slow flight the term is about a thousandth of a volt. Nothing here knows a simulator's formulas.
+of the rotors' acceleration, (R Jr / Ke) dW/dt, is left out, because dW/dt needs the jerk, which no state
+contains. In slow flight the term is about a thousandth of a volt. Nothing here knows a simulator's formulas.
 """
 
 from __future__ import annotations

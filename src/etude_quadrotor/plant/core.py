@@ -124,8 +124,8 @@ def _rotors(
 ) -> tuple[float, float, float, float, float, float, float]:
     """Force and moment of rotors and stators (body frame), and the rotors' spin, for a velocity in air.
 
-    The disc of a rotor tilts back by tilt v / (R W) (blade flapping), which bends its thrust and, through
-    the stiffness of the hub, pitches the body; inflow takes inflow v_z / (R W) of the thrust.
+    Blade flapping tilts the disc of a rotor back by tilt v / (R W). That bends its thrust and, through the
+    stiffness of the hub, pitches the body. Inflow takes inflow v_z / (R W) of the thrust.
     """
     wx, wy, wz = y[10], y[11], y[12]
     fx = fy = fz = mx = my = mz = spin = 0.0
@@ -290,8 +290,8 @@ def _set_points(y: Array, wish: Array, ff: Array, c: Control, command: Array) ->
 
 
 @compiled
-def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
-    """Direction of the thrust (world) and thrust that set-points ask for, at the yaw that there is."""
+def _desired_thrust(y: Array, command: Array, c: Control, out: Array) -> None:
+    """Direction of the thrust (world) and thrust of the set-points, at the measured yaw."""
     yaw = np.arctan2(2 * (y[7] * y[8] + y[6] * y[9]), 1 - 2 * (y[8] * y[8] + y[9] * y[9]))
     roll, pitch = command[0] * c.full_scale[0], command[1] * c.full_scale[0]
     ahead, left = np.sin(pitch) * np.cos(roll), -np.sin(roll)
@@ -307,7 +307,7 @@ def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: 
             volts[k] = command[k] = ff[k]
         return
     if c.mode == SET_POINTS:
-        _wish(y, command, c, wish)
+        _desired_thrust(y, command, c, wish)
     _attitude_loop(y, wish, command[2] * c.full_scale[1] if c.mode == SET_POINTS else 0.0, c, volts)
     for k in range(4):
         voltage = volts[k] + (ff[k] if c.mode == VOLTAGES else 0.0)

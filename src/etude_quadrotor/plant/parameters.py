@@ -154,10 +154,10 @@ def load_flight_parameters(name: str, folder: Path = DATA) -> FlightParameters:
 def _table(name: str, folder: Path) -> dict[str, Any]:
     table = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
     base = table.pop("base", None)
-    return table if base is None else _over(_table(base, folder), table)
+    return table if base is None else _merged(_table(base, folder), table)
 
 
-def _over(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """`base` with `changes`, table by table and key by key."""
     both = {
         key: base[key] | value if isinstance(value, dict) and key in base else value

@@ -180,11 +180,11 @@ class SimulatedFlights:
         parameters, air = self.vehicle.parameters, self.air
         if "payload" in what:
             mass = _not_negative("payload", what["payload"]) + parameters.payload.mass
-            parameters = _with(parameters, "payload", mass=mass)
+            parameters = _replaced(parameters, "payload", mass=mass)
         if "drag" in what:
             factor = _not_negative("drag", what["drag"])
             drag = tuple(factor * d for d in parameters.air.drag)
-            parameters = _with(parameters, "air", drag=drag, quadratic=factor * parameters.air.quadratic)
+            parameters = _replaced(parameters, "air", drag=drag, quadratic=factor * parameters.air.quadratic)
         if "sag" in what:
             air = replace(air, sag=what["sag"])
         if "wind" in what:
@@ -209,7 +209,7 @@ def simulated_robot(spec: QuadrotorSpec, config: Any) -> SimulatedFlights:
     return SimulatedFlights(vehicle, spec, trajectory.start, data.averaged, TEST_DURATION)
 
 
-def _with(parameters: Any, table: str, **changes: Any) -> Any:
+def _replaced(parameters: Any, table: str, **changes: Any) -> Any:
     """The parameters with changes in one of their tables."""
     part = msgspec.structs.replace(getattr(parameters, table), **changes)
     return msgspec.structs.replace(parameters, **{table: part})

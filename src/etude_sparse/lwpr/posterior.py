@@ -65,7 +65,7 @@ class LWPRPosterior:
         for part in self._blocks(X):
             local = self._local(X[part])
             total, mean[part] = self._blend(local)
-            variance[part] = self._limited(self._doubt(local, mean[part]) / total**2)
+            variance[part] = self._limited(self._weighted_residuals(local, mean[part]) / total**2)
         return mean, variance
 
     def mean(self, X: Array) -> Array:
@@ -112,7 +112,7 @@ class LWPRPosterior:
         total = local.w.sum(axis=0) + BACKGROUND
         return total, np.einsum("kt,kt->t", local.w, local.y) / total
 
-    def _doubt(self, local: _Local, mean: Array) -> Array:
+    def _weighted_residuals(self, local: _Local, mean: Array) -> Array:
         """Sum of w ((y - mean)² + s² (1 + w h)), the background's share included."""
         squares = (local.y - mean) ** 2 + self.residual[:, None] * (1.0 + local.w * local.h)
         of_fields: Array = np.einsum("kt,kt->t", local.w, squares)
@@ -134,7 +134,7 @@ class LWPRPosterior:
         local = self._local(X)
         total, mean = self._blend(local)
         of_mean = self._mean_slope(local, total, mean)
-        doubt, s2, apart = self._doubt(local, mean), self.residual[:, None], local.y - mean
+        doubt, s2, apart = self._weighted_residuals(local, mean), self.residual[:, None], local.y - mean
         slope = self._weight_slope(local, local.w * (apart**2 + s2 * (1.0 + 2.0 * local.w * local.h)))
         slope += 2.0 * np.einsum("kt,kd->td", local.w * apart, self.slope)
         pulled = local.scores @ self.spread

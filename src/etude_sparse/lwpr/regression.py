@@ -23,14 +23,14 @@ ACTIVE = 1e-3
 class LWPR:
     """Locally weighted projection regression with its knobs (keeps `protocols.Regressor.condition`).
 
-    Choose it for very many samples, at a price a sample that does not depend on their number, when no
-    hyperparameters can be trained beforehand and outputs look locally linear. It is no Gaussian process:
-    a process with as many samples errs less (Nguyen-Tuong, Seeger and Peters 2009 find the same), its
-    variance is a confidence bound of local linear regressions, and it has no covariance between inputs.
+    Choose it for very many samples, when no hyperparameters can be trained beforehand and outputs look
+    locally linear. The cost of a sample does not depend on their number. It is no Gaussian process: a process
+    with as many samples errs less, as Nguyen-Tuong, Seeger and Peters (2009) find too. Its variance is a
+    confidence bound of local linear regressions, and it has no covariance between inputs.
 
     Inputs and outputs are scaled to unit variance inside; the numbers below refer to those. A direction is
-    added at a gain of a tenth, where the paper's example asks for a half: a robot's log has many inputs that
-    each explain a little.
+    added at a gain of a tenth; the paper's example requires a half. A robot's log has many inputs that each
+    explain a little.
 
     Attributes:
         metric: D of a new field is this times the identity; None derives it from the spread of the inputs.

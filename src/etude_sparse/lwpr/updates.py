@@ -1,7 +1,7 @@
 """The compiled core of LWPR: one sample after the other through the receptive fields it activates.
 
 Equation numbers and tables are those of Vijayakumar, D'Souza and Schaal 2005, "Incremental online learning in
-high dimensions". A field k weighs a sample by w = exp(-|M (x - c)|²/2), so its metric is D = MᵀM; its local
+high dimensions". A field k weighs a sample by w = exp(-|M (x - c)|²/2), so its metric is D = MᵀM. Its local
 model is partial least squares of the weighted samples, one direction after the other.
 """
 
@@ -176,8 +176,8 @@ def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: 
 def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> float:
     """d J1 / d w of the leave-one-out cost (eq. 12), and its memory brought up to date.
 
-    One more weight on this sample counts its own error, thins out the others', moves the regression, which
-    changes their residuals (H), and their influence on themselves (G).
+    More weight on this sample counts its error and reduces the share of the others. It also moves the
+    regression, which changes their residuals (H) and their influence on themselves (G).
     """
     keep, used = fields.forget[k], 0.0
     for i in range(fields.r[k]):

@@ -304,8 +304,8 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stated = {"Provides-Extra": ["ros", "test"], "Requires-Dist": ["numpy>=1", 'rosbags>=1; extra == "ros"']}
-    monkeypatch.setattr(doctor, "_stated", lambda what: stated[what])
-    monkeypatch.setattr(doctor, "_there", lambda library: library != "rosbags")
+    monkeypatch.setattr(doctor, "_metadata_lines", lambda what: stated[what])
+    monkeypatch.setattr(doctor, "_is_installed", lambda library: library != "rosbags")
     monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
     monkeypatch.setattr(sys, "platform", "linux")
     assert cli.main(["doctor", "--json"]) == 0
@@ -323,8 +323,8 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
 def test_a_library_that_is_needed_and_missing_is_red(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needs = doctor._needs
-    monkeypatch.setattr(doctor, "_needs", lambda extra: [*needs(extra), *(["no_such_library"] * (not extra))])
+    libraries, missing = doctor._libraries, ["no_such_library"]
+    monkeypatch.setattr(doctor, "_libraries", lambda extra: [*libraries(extra), *(missing * (not extra))])
     assert cli.main(["doctor"]) == 1
     assert "WRONG  no_such_library" in capsys.readouterr().out
 

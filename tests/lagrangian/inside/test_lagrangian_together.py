@@ -273,7 +273,7 @@ def test_variances_of_few_instants_are_at_least_those_of_all(learned) -> None:
     np.testing.assert_array_equal(same, mean)
     assert (bound >= variance * (1.0 - 1e-9)).all()
     assert (bound > 1.01 * variance).any()
-    few, used, _ = learned._few
+    few, used, _ = learned._variance_subset
     assert len(few) <= -(-len(learned.X) // 4)
     assert len(used) <= -(-len(learned.X) // 4) * len(PARTS)
 

@@ -329,7 +329,7 @@ def test_a_page_that_is_busy_or_gone_delays_no_set_point(tmp_path: Path) -> None
     planned = SimpleNamespace(joints=campaign.axes, part="motion", speed=100, number=1)
 
     def put() -> None:
-        view._told = 0.0
+        view._last_sent = 0.0
         view.put(campaign, planned, Sample(0.0, np.zeros(3), at=1.0))  # type: ignore[arg-type]
 
     with RunView(tmp_path) as view:

@@ -108,9 +108,9 @@ def run_campaign(
     """A campaign of ROUNDS of the default preset but for what is `chosen`; goes on where it was."""
     if not (path / JOURNAL).exists():
         create_campaign(path, robot, seed=seed)
-    found = load_config(path)
-    if chosen(found.config) != found.config:
-        write_atomic(path / CONFIG, config_text(chosen(found.config), found.kind).encode())
+    loaded = load_config(path)
+    if chosen(loaded.config) != loaded.config:
+        write_atomic(path / CONFIG, config_text(chosen(loaded.config), loaded.kind).encode())
     campaign = open_campaign(path)
     for _ in simulate(campaign, ROUNDS - len(campaign.state().trained), feedforward=feedforward):
         pass

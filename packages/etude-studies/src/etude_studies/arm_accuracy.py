@@ -44,17 +44,19 @@ def member_rows(rng: np.random.Generator, *, quick: bool = False) -> list[Row]:
     measured: dict[str, list[dict[str, float]]] = {name: [] for name in MEMBERS}
     linear: list[float] = []
     seeds = rng.spawn(QUICK_SEEDS if quick else SEEDS)
-    for own in _shown(seeds, quick=quick):
-        train, test = arm_data(world, own)
+    for seed_rng in _shown(seeds, quick=quick):
+        train, test = arm_data(world, seed_rng)
         inputs = world.inputs(ALONE)
         _compile_members(len(inputs.columns))
         linear.append(_mean(prediction_score(test, LinearPhysics(inputs)(train).predict(test.log)).nmse))
         for name, member in MEMBERS.items():
-            measured[name].append(_measure(member, train, test, inputs, world.kind.limit(world.spec), own))
-    return [row for name, found in measured.items() for row in _rows_of(name, found, linear)]
+            measured[name].append(
+                _measure(member, train, test, inputs, world.kind.limit(world.spec), seed_rng)
+            )
+    return [row for name, figures in measured.items() for row in _rows_of(name, figures, linear)]
 
 
-def _rows_of(name: str, found: list[dict[str, float]], linear: list[float]) -> list[Row]:
+def _rows_of(name: str, figures: list[dict[str, float]], linear: list[float]) -> list[Row]:
     outputs = "processor time, 4 outputs, mean and variance"
     beside: dict[str, tuple[str, list[float]]] = {
         "nmse": (f"linear regression, {len(linear)} seeds", linear),
@@ -69,7 +71,7 @@ def _rows_of(name: str, found: list[dict[str, float]], linear: list[float]) -> l
     for key, figure in FIGURES.items():
         reference, values = beside[key]
         metric = figure.metric.format(name)
-        rows += mean_rows(metric, [one[key] for one in found], figure.unit, reference, values)
+        rows += mean_rows(metric, [one[key] for one in figures], figure.unit, reference, values)
     return rows
 
 
@@ -113,9 +115,9 @@ def _measure(
         seconds += time.process_time() - start
         predicted, latent = posteriors[-1].predict(at)
         mean[:, j], variance[:, j] = predicted + offset, latent + posteriors[-1].noise_variance
-    known = replace(train, usable=train.usable & train.moving)
-    found, many = prediction_score(test, mean, variance, known), np.resize(at, (POINTS, X.shape[1]))
-    return {name: _mean(getattr(found, name)) for name in ("nmse", "msll", "z2")} | {
+    moving = replace(train, usable=train.usable & train.moving)
+    score, many = prediction_score(test, mean, variance, moving), np.resize(at, (POINTS, X.shape[1]))
+    return {name: _mean(getattr(score, name)) for name in ("nmse", "msll", "z2")} | {
         "fit_s": seconds,
         "predict_1_us": 1e6 * predict_seconds(posteriors, at[:1], REPEATS_ONE),
         "predict_600_ms": 1e3 * predict_seconds(posteriors, many, REPEATS_MANY),
@@ -125,5 +127,5 @@ def _measure(
 
 def _mean(values: Array) -> float:
     """Over the joints that have a value; NaN if none has."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else float("nan")

@@ -59,15 +59,15 @@ def tracking_errors(
     campaigns: Sequence[Campaign], test: str, baseline: str, number: int | None
 ) -> list[float]:
     """Mean over joints, one value per campaign; the newest evaluation where several fit."""
-    found = []
+    errors = []
     for campaign in campaigns:
         fitting = [
             run.errors
-            for own, run in campaign.state().evaluated
-            if (run.test, run.baseline) == (test, baseline) and number in (None, own)
+            for round_number, run in campaign.state().evaluated
+            if (run.test, run.baseline) == (test, baseline) and number in (None, round_number)
         ]
-        found += [float(np.mean(fitting[-1]))] if fitting else []
-    return found
+        errors += [float(np.mean(fitting[-1]))] if fitting else []
+    return errors
 
 
 def _calibration_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
@@ -93,8 +93,8 @@ def _next_score(campaign: Campaign, number: int) -> tuple[float, float]:
     after = campaign.state().rounds[number + 1].trained
     assert before is not None
     assert after is not None
-    found = after.models[before.chosen]
-    return _mean(found.z2), _mean(found.coverage)
+    score = after.models[before.chosen]
+    return _mean(score.z2), _mean(score.coverage)
 
 
 def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
@@ -102,8 +102,8 @@ def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
     log = read_log_file(campaign.path / "tests" / f"0000.pd.{TESTS[0]}.parquet")
     groups = [np.zeros(len(log), dtype=np.int64)]
     new = campaign.kind.samples(campaign.spec, campaign.config, [log], groups)
-    found = prediction_score(new, *stored_model(campaign, number).posterior(new.log))
-    return float(np.nanmean(found.z2)), float(np.nanmean(found.coverage))
+    score = prediction_score(new, *stored_model(campaign, number).posterior(new.log))
+    return float(np.nanmean(score.z2)), float(np.nanmean(score.coverage))
 
 
 def _mean(values: Sequence[float | None]) -> float:

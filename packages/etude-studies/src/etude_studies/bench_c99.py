@@ -94,9 +94,9 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     for case in CASES:
         if quick and (case.variance or case.fade):
             continue
-        own = sized(case.member, case.joints, case.points, seed)
+        learned = sized(case.member, case.joints, case.points, seed)
         for single, bar in zip((False, True), case.bars, strict=True):
-            rows += _measured(case, own, single, bar)
+            rows += _measured(case, learned, single, bar)
     rows += _beside_onnx(sized("ard_se", 4, 500, seed), rows)
     if json:
         print(rows_json(rows, f"etude bench c99 --seed {seed}{' --quick' * quick}"))  # noqa: T201
@@ -105,9 +105,11 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     return rows
 
 
-def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[Row]:
-    made = c_files(own.model, own.kind, own.spec, CForm(single, case.variance, fade=case.fade), "bench")
-    us = microseconds(made, case.variance, _rows(own, case.apart))
+def _measured(case: Case, learned: Sized, single: bool, bar: float | None) -> list[Row]:
+    made = c_files(
+        learned.model, learned.kind, learned.spec, CForm(single, case.variance, fade=case.fade), "bench"
+    )
+    us = microseconds(made, case.variance, _rows(learned, case.apart))
     kind = "float" if single else "double"
     name = f"{case.name}_{kind}"
     gigabytes = made.tables / us * 1e-3
@@ -122,10 +124,10 @@ COUNT = 97
 """Rows that are asked in turn."""
 
 
-def _rows(own: Sized, apart: float) -> Array:
+def _rows(learned: Sized, apart: float) -> Array:
     """(COUNT, N) inputs of the C: points of the first process, which are its states, or others among them."""
-    process: Any = own.model.candidates[0].process
-    width = 3 * len(own.model.commands)
+    process: Any = learned.model.candidates[0].process
+    width = 3 * len(learned.model.commands)
     if not apart:
         return np.asarray(process.own[0].X[:COUNT, :width])
     k, i = np.arange(COUNT)[:, None], np.arange(width)
@@ -143,22 +145,22 @@ def compiler() -> str:
 def microseconds(made: Files, variance: bool, rows: Array) -> float:
     """Of one call, asked at rows (COUNT, N) of inputs."""
     name = made.plan.name
-    asked = (
+    call = (
         f"{name}_predict(&state, input, command, variance)"
         if variance
         else f"{name}_mean(&state, input, command)"
     )
-    words = {
+    placeholders = {
         "NAME": name,
         "UPPER": name.upper(),
-        "ASKED": asked,
+        "ASKED": call,
         "BATCHES": str(BATCHES),
         "CALLS": str(CALLS),
         "COUNT": str(COUNT),
         "ROWS": ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in rows.tolist()),
     }
     main = MAIN
-    for word, value in words.items():
+    for word, value in placeholders.items():
         main = main.replace(word, value)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -167,13 +169,13 @@ def microseconds(made: Files, variance: bool, rows: Array) -> float:
         (folder / "main.c").write_text(main, encoding="utf-8")
         command = [compiler(), *FLAGS, f"{name}.c", "main.c", "-lm", "-o", "timed"]
         subprocess.run(command, cwd=folder, check=True)
-        said = subprocess.run(["./timed"], cwd=folder, check=True, capture_output=True, text=True).stdout
-    found = re.search(r"us (\S+)", said)
-    assert found is not None
-    return float(found[1])
+        output = subprocess.run(["./timed"], cwd=folder, check=True, capture_output=True, text=True).stdout
+    match = re.search(r"us (\S+)", output)
+    assert match is not None
+    return float(match[1])
 
 
-def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
+def _beside_onnx(learned: Sized, rows: list[Row]) -> list[Row]:
     """onnxruntime on the same mean, if it is installed."""
     try:
         import onnx  # noqa: F401
@@ -181,16 +183,16 @@ def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
     except ImportError:
         return []
     mean = {row.metric: row.value for row in rows}
-    found, parts = [], parts_of(own.model)
-    widths = graph_inputs(parts, own.kind.channels(own.spec)).widths
+    onnx_rows, parts = [], parts_of(learned.model)
+    widths = graph_inputs(parts, learned.kind.channels(learned.spec)).widths
     for kind, dtype in (("double", np.float64), ("float", np.float32)):
         ask = session(written(parts, widths, dtype, variance=False, fade=False))
-        x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)
+        x = np.full((1, learned.model.ranges.shape[1]), 0.1, dtype=dtype)
         best = np.inf
         for _ in range(BATCHES):
             begin = time.perf_counter()
             for _ in range(CALLS):
                 ask(x)
             best = min(best, (time.perf_counter() - begin) / CALLS * 1e6)
-        found.append(Row(f"onnxruntime_mean_{kind}_us", best, "us", "C", mean[f"mean_{kind}_us"]))
-    return found
+        onnx_rows.append(Row(f"onnxruntime_mean_{kind}_us", best, "us", "C", mean[f"mean_{kind}_us"]))
+    return onnx_rows

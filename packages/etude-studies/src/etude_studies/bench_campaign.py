@@ -61,13 +61,13 @@ class Cost:
     memory: float
 
 
-def measured(*words: str) -> Cost:
+def measured(*arguments: str) -> Cost:
     """What `etude` takes with these words, in a process of its own. UsageError: it fails."""
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
-    command = [sys.executable, "-c", CHILD, *words]
+    command = [sys.executable, "-c", CHILD, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode not in (0, 5):  # 5: the stop rule
-        raise UsageError(f"etude {words[0]} failed: {done.stderr.strip()[-400:]}")
+        raise UsageError(f"etude {arguments[0]} failed: {done.stderr.strip()[-400:]}")
     seconds, memory = done.stdout.split()[-2:]
     return Cost(float(seconds), float(memory) / (2**20 if sys.platform == "darwin" else 2**10))
 
@@ -79,11 +79,11 @@ def logs_of(folder: Path, robot: str, count: int, seed: int) -> list[Path]:
     plant = campaign.kind.robot(campaign.spec, campaign.config)
     if plant is None:
         raise UsageError(f"there is no simulated {robot}")
-    found = []
+    paths = []
     for i, motion in enumerate(typical_motions(campaign, np.random.default_rng(seed), count)):
-        found.append(folder / f"{i:04d}.parquet")
-        write_log(found[-1], plant.run(motion, None, np.random.default_rng([seed, i])))
-    return found
+        paths.append(folder / f"{i:04d}.parquet")
+        write_log(paths[-1], plant.run(motion, None, np.random.default_rng([seed, i])))
+    return paths
 
 
 def of_robot(name: str, robot: str, counts: Sequence[int], seed: int) -> Iterator[Row]:

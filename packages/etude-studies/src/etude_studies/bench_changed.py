@@ -57,7 +57,9 @@ def cases(logs: Path | None) -> Iterator[tuple[World, str, list[Split]]]:
         else:
             log, world = arm_log(real.name, path)
             yield world, real.name, thirds([world.samples(log)], 1.0 / filter_cutoff(log, world.config.data))
-    flights = {number: crazyflie().samples(*own) for number, own in crazyflie_flights().items()}
+    flights = {
+        number: crazyflie().samples(*logs_of_flight) for number, logs_of_flight in crazyflie_flights().items()
+    }
     stretches = [s.take(s.group == g) for s in flights.values() for g in np.unique(s.group)]
     if flights:
         yield crazyflie(), "crazyflie", thirds(stretches, FLIGHT_GAP_S)
@@ -70,10 +72,12 @@ def thirds(logs: Sequence[Samples], gap_s: float) -> list[Split]:
     splits = []
     for number in range(THIRDS):
         train = [
-            grouped(log, THIRDS * i + own).take((own != number) & ~near_times(log.t, own == number, gap_s))
-            for i, (log, own) in enumerate(zip(logs, place, strict=True))
+            grouped(log, THIRDS * i + third).take(
+                (third != number) & ~near_times(log.t, third == number, gap_s)
+            )
+            for i, (log, third) in enumerate(zip(logs, place, strict=True))
         ]
-        tests = [log.take(own == number) for log, own in zip(logs, place, strict=True)]
+        tests = [log.take(third == number) for log, third in zip(logs, place, strict=True)]
         splits.append((joined_samples(train), tests))
     return splits
 
@@ -83,10 +87,10 @@ def others(flights: Sequence[Samples]) -> list[Split]:
     named = [grouped(flight, 10 * i + flight.group) for i, flight in enumerate(flights)]
     return [
         (
-            joined_samples([f for f in named if f is not own]),
-            [own.take(own.group == number) for number in np.unique(own.group)],
+            joined_samples([f for f in named if f is not chosen]),
+            [chosen.take(chosen.group == number) for number in np.unique(chosen.group)],
         )
-        for own in named
+        for chosen in named
     ]
 
 
@@ -112,10 +116,12 @@ def rows_of(world: World, name: str, splits: Sequence[Split], seed: int) -> list
         same += [change_test(model, test) for test in tests]
         changed += [change_test(model, larger(test)) for test in tests]
     of = f"of {len(same)} parts"
-    alarms, noticed = (sum(found.alarm is not None for found in own) for own in (same, changed))
+    alarms, noticed = (sum(result.alarm is not None for result in results) for results in (same, changed))
     return [
         Row(f"false_alarms_{name}", alarms, "1", of),
-        Row(f"largest_{name}", max(float(found.evidence.max()) for found in same), "nats"),
-        Row(f"z2_{name}", float(np.mean([found.z2 for found in same])), "1", "mean of their squared errors"),
+        Row(f"largest_{name}", max(float(result.evidence.max()) for result in same), "nats"),
+        Row(
+            f"z2_{name}", float(np.mean([result.z2 for result in same])), "1", "mean of their squared errors"
+        ),
         Row(f"noticed_{name}", noticed, "1", f"{of}, commands x {GAIN:g}"),
     ]

@@ -50,14 +50,14 @@ class Curve(msgspec.Struct, frozen=True):
 def run(*, json: bool = False, quick: bool = False, seed: int = 0) -> list[Row]:
     """Simulates the campaigns of `SEEDS` seeds and prints the rows; `quick`: two seeds, two motions."""
     seeds, motions = range(FIRST + seed, FIRST + seed + (2 if quick else SEEDS)), 2 if quick else MOTIONS
-    cells = [(name, own) for own in seeds for name in VARIANTS]
+    cells = [(name, cell_seed) for cell_seed in seeds for name in VARIANTS]
     folder = FOLDER / f"{motions}_motions"
-    found: dict[str, list[Curve]] = {name: [] for name in VARIANTS}
+    curves_by_variant: dict[str, list[Curve]] = {name: [] for name in VARIANTS}
     for (name, _), curve in zip(
         cells, each(partial(kept, folder=folder, motions=motions), cells, 1), strict=True
     ):
-        found[name].append(curve)
-    rows = learning_rows(found)
+        curves_by_variant[name].append(curve)
+    rows = learning_rows(curves_by_variant)
     if json:
         print(rows_json(rows, "etude bench learning" + " --quick" * quick + " --json"))  # noqa: T201
     else:
@@ -87,11 +87,11 @@ def simulated(seed: int, motions: int, changed: Mapping[str, Any]) -> Curve:
     return Curve(errors, rounds[-1].robot_seconds, time.process_time() - began)
 
 
-def learning_rows(found: Mapping[str, Sequence[Curve]]) -> list[Row]:
+def learning_rows(curves_by_variant: Mapping[str, Sequence[Curve]]) -> list[Row]:
     """Mean errors after the last motion with their intervals, and the mean paired difference to the first."""
-    first = next(iter(found.values()))
+    first = next(iter(curves_by_variant.values()))
     rows = []
-    for name, curves in found.items():
+    for name, curves in curves_by_variant.items():
         for test, bar in BARS.items():
             ends = [curve.errors[test][-1] for curve in curves]
             rows += mean_rows(f"{name}_{test}", ends, "deg", "bar", [bar])
@@ -99,5 +99,5 @@ def learning_rows(found: Mapping[str, Sequence[Curve]]) -> list[Row]:
                 apart = [end - one.errors[test][-1] for end, one in zip(ends, first, strict=True)]
                 rows += mean_rows(f"{name}_{test}_more", apart, "deg", "", [])
     minutes = [curve.robot_seconds / 60.0 for curve in first]
-    seconds = [curve.seconds for curves in found.values() for curve in curves]
+    seconds = [curve.seconds for curves in curves_by_variant.values() for curve in curves]
     return [*rows, *mean_rows("robot_time", minutes, "min", "", []), *mean_rows("cpu", seconds, "s", "", [])]

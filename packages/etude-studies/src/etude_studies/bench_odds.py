@@ -76,8 +76,8 @@ class Case:
 def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     """Judges `COUNT` right and as many wrong logs and prints the rows; `quick`: 20 of each."""
     numbers = range(FIRST + seed, FIRST + seed + (QUICK if quick else COUNT))
-    found = [v for own in each(partial(kept, folder=FOLDER), numbers, WORKERS) for v in own]
-    rows = odds_rows(found)
+    verdicts = [v for pair in each(partial(kept, folder=FOLDER), numbers, WORKERS) for v in pair]
+    rows = odds_rows(verdicts)
     if json:
         print(rows_json(rows, "etude bench odds" + " --quick" * quick + " --json"))  # noqa: T201
     else:
@@ -170,57 +170,57 @@ def verdict(case: Case, fault: str, truth: Array) -> Verdict:
         command = log["command"] * truth if fault == "sign" else log["command"][:, truth.astype(np.int64)]
         log = log.put(log.channels["command"], np.ascontiguousarray(command))
     start = time.process_time()
-    found = judge([log], path, case.body, accepted=("delay",))
-    offered = found.level != "silent" and isinstance(finding_of(found, path.parts, [""]), Mendable)
+    decision = judge([log], path, case.body, accepted=("delay",))
+    offered = decision.level != "silent" and isinstance(finding_of(decision, path.parts, [""]), Mendable)
     return Verdict(
         case.robot,
         case.body is not None,
         fault,
         tuple(truth.tolist()),
-        found.level,
-        found.check,
-        found.by,
-        float(found.odds),
-        float(min(found.ahead, 1e9)),
+        decision.level,
+        decision.check,
+        decision.by,
+        float(decision.odds),
+        float(min(decision.ahead, 1e9)),
         offered,
-        tuple(found.told[found.moving].tolist()) if fault != "sign" else _against(found, truth),
+        tuple(decision.told[decision.moving].tolist()) if fault != "sign" else _against(decision, truth),
         time.process_time() - start,
     )
 
 
-def _against(found: Decision, truth: Array) -> tuple[float, ...]:
+def _against(decision: Decision, truth: Array) -> tuple[float, ...]:
     """Log odds of the true sign to the other one."""
-    return tuple((found.told * truth)[found.moving].tolist())
+    return tuple((decision.told * truth)[decision.moving].tolist())
 
 
 def end(verdict: Verdict) -> str:
     """Which of ENDS a wrong log came to."""
     if verdict.level == "silent":
         return "silent"
-    own = verdict.check == verdict.fault
+    same_check = verdict.check == verdict.fault
     if verdict.offered:
-        return "repaired" if own and verdict.by == verdict.truth else "repaired_wrong"
+        return "repaired" if same_check and verdict.by == verdict.truth else "repaired_wrong"
     about = _about(verdict.check, verdict.by) == _about(verdict.fault, verdict.truth)
-    return "asked" if own and about else "asked_of_others"
+    return "asked" if same_check and about else "asked_of_others"
 
 
 def _about(check: str, by: Sequence[float]) -> set[int]:
     return {i for i, value in enumerate(by) if (value < 0.0 if check == "sign" else value != i)}
 
 
-def odds_rows(found: Sequence[Verdict]) -> list[Row]:
+def odds_rows(verdicts: Sequence[Verdict]) -> list[Row]:
     """Right logs refused and asked, what wrong ones came to, how often signs are what the stated odds say."""
-    right = [v for v in found if not v.fault]
+    right = [v for v in verdicts if not v.fault]
     rows = [
         Row(f"right_{what}", sum(v.level == level for v in right), "1", "of", len(right))
         for what, level in (("refused", "certain"), ("asked", "ask"))
     ]
     for fault in ("sign", "swapped"):
-        ends = Counter(end(v) for v in found if v.fault == fault)
+        ends = Counter(end(v) for v in verdicts if v.fault == fault)
         rows += [Row(f"{fault}_{name}", ends[name], "1", "of", ends.total()) for name in ENDS]
-    told = np.array([odds for v in found if v.fault != "swapped" for odds in v.told])
+    log_odds = np.array([odds for v in verdicts if v.fault != "swapped" for odds in v.told])
     for low, high in itertools.pairwise(STATED):
-        own = told[(np.abs(told) >= low) & (np.abs(told) < high)]
-        rows.append(Row(f"wrong_signs_stated_{low:.0f}", int((own < 0.0).sum()), "1", "of", len(own)))
-    seconds = [v.seconds for v in found]
+        stated = log_odds[(np.abs(log_odds) >= low) & (np.abs(log_odds) < high)]
+        rows.append(Row(f"wrong_signs_stated_{low:.0f}", int((stated < 0.0).sum()), "1", "of", len(stated)))
+    seconds = [v.seconds for v in verdicts]
     return [*rows, Row("cpu_of_a_log", float(np.mean(seconds)) if seconds else 0.0, "s")]

@@ -67,17 +67,17 @@ def spectrum_rows(
     X, y = rng.uniform(-1.0, 1.0, size=(SPECTRAL_SAMPLES, inputs)), rng.normal(size=SPECTRAL_SAMPLES)
     gp = initial_sparse_spectrum(X, y, SPECTRAL_POINTS, rng, draws=1, learned=True)
     ending = f"m{SPECTRAL_POINTS}_n{SPECTRAL_SAMPLES}"
-    name, own = f"ssgp_nlml_gradient_{ending}", _own(gp, X, y)
+    name, evaluate = f"ssgp_nlml_gradient_{ending}", _objective(gp, X, y)
     try:
         with started(peer, X, y, pythons) as running:
-            agreement = _agreement(f"ssgp_agreement_{ending}", gp.parameters, own, running)
+            agreement = _agreement(f"ssgp_agreement_{ending}", gp.parameters, evaluate, running)
             if _disagrees(agreement, running.described):
-                return [agreement, _alone(name, own, gp.parameters)]
-            ours, theirs = in_turn([own, running.evaluate], gp.parameters, SPECTRAL_REPEATS)
+                return [agreement, _alone(name, evaluate, gp.parameters)]
+            ours, theirs = in_turn([evaluate, running.evaluate], gp.parameters, SPECTRAL_REPEATS)
             return [agreement, Row(name, ours, "ms", f"in turn, {running.described}", theirs)]
     except PeerUnavailable as reason:
         _say(f"the sparse spectrum has no {peer.title} beside it ({reason.fact}). {INSTALL}.")
-        return [_alone(name, own, gp.parameters)]
+        return [_alone(name, evaluate, gp.parameters)]
 
 
 def in_turn(evaluates: Sequence[Evaluate], parameters: Array, repeats: int) -> list[float]:
@@ -88,11 +88,11 @@ def in_turn(evaluates: Sequence[Evaluate], parameters: Array, repeats: int) -> l
 
 
 def _compared(ending: str, gp: ExactGP, X: Array, y: Array, running: Running, repeats: int) -> list[Row]:
-    own = _own(gp, X, y)
-    agreement = _agreement(f"nlml_agreement_{ending}", gp.parameters, own, running)
+    evaluate = _objective(gp, X, y)
+    agreement = _agreement(f"nlml_agreement_{ending}", gp.parameters, evaluate, running)
     if _disagrees(agreement, running.described):
         return [agreement]
-    theirs, ours = in_turn([running.evaluate, own], gp.parameters, repeats)
+    theirs, ours = in_turn([running.evaluate, evaluate], gp.parameters, repeats)
     described = f"Étude, in turn; {running.described}"
     return [agreement, Row(f"nlml_gradient_{ending}", theirs, "ms", described, ours)]
 
@@ -103,7 +103,7 @@ def _alone(metric: str, evaluate: Evaluate, parameters: Array) -> Row:
     return Row(metric, value, "ms")
 
 
-def _own(gp: ExactGP | SparseSpectrumGP, X: Array, y: Array) -> Evaluate:
+def _objective(gp: ExactGP | SparseSpectrumGP, X: Array, y: Array) -> Evaluate:
     def objective(parameters: Array) -> tuple[float, Array]:
         value, gradient = gp.with_parameters(parameters).log_marginal_likelihood(X, y)
         return -value, -gradient
@@ -111,10 +111,10 @@ def _own(gp: ExactGP | SparseSpectrumGP, X: Array, y: Array) -> Evaluate:
     return lambda parameters: timed(objective, parameters)
 
 
-def _agreement(metric: str, parameters: Array, own: Evaluate, running: Running) -> Row:
+def _agreement(metric: str, parameters: Array, evaluate: Evaluate, running: Running) -> Row:
     """Largest relative difference, of the values and of the gradients; it is both sides' warm-up as well."""
     with threadpool_limits(limits=1):
-        value, gradient, _ = own(parameters)
+        value, gradient, _ = evaluate(parameters)
         theirs, their_gradient, _ = running.evaluate(parameters)
     off = np.inf
     if np.shape(their_gradient) == gradient.shape:

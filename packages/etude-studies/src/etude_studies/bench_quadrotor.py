@@ -101,19 +101,22 @@ def order_bench_rows(
             "required 1.1",
         ),
     }
-    for metric, (found, aim) in comparisons.items():
-        rows += ratio_rows(metric, found, f"uniform random over it; {aim}")
+    for metric, (ratio, aim) in comparisons.items():
+        rows += ratio_rows(metric, ratio, f"uniform random over it; {aim}")
     return rows
 
 
 def _cells(rng: np.random.Generator, effort: Effort, seeds: int, sources: int) -> Cells:
     first = int(rng.integers(1000, 100_000))
-    found = [designed_flights(Cell(PRESET, own), effort)["flights"] for own in EXTREME_SEEDS[:sources]]
+    designed = [
+        designed_flights(Cell(PRESET, source), effort)["flights"] for source in EXTREME_SEEDS[:sources]
+    ]
     extremes = {
-        criterion: [np.array(flight) for own in found for flight in own[criterion]] for criterion in EXTREME
+        criterion: [np.array(flight) for flights in designed for flight in flights[criterion]]
+        for criterion in EXTREME
     }
-    own_seeds = counted(range(first, first + seeds), whole=0.5)
-    return [cell_measures(PRESET, own, extremes, effort) for own in own_seeds]
+    cell_seeds = counted(range(first, first + seeds), whole=0.5)
+    return [cell_measures(PRESET, cell_seed, extremes, effort) for cell_seed in cell_seeds]
 
 
 def tracking_rows(
@@ -125,11 +128,14 @@ def tracking_rows(
     """
     first = int(rng.integers(1000, 100_000))
     cells = [
-        LoopCell("quadrotor", "moving", 2, own)
-        for own in range(first, first + (seeds or (3 if quick else 6)))
+        LoopCell("quadrotor", "moving", 2, cell_seed)
+        for cell_seed in range(first, first + (seeds or (3 if quick else 6)))
     ]
     errors = [seed_errors(cell, tests or (4 if quick else 8), (4,)) for cell in counted(cells, whole=0.5)]
-    pid, exact, learned = ([own[f"{name}/calm"] for own in errors] for name in ("pid", "exact_drag", LEARNED))
+    pid, exact, learned = (
+        [errors_of_seed[f"{name}/calm"] for errors_of_seed in errors]
+        for name in ("pid", "exact_drag", LEARNED)
+    )
     rows = mean_rows("pid_error_m", pid, "m", "exact drag known", exact)
     rows += mean_rows("feedforward_error_m", learned, "m", "required at most", [0.06])
     return rows + mean_rows("exact_drag_error_m", exact, "m", "PID alone", pid)

@@ -61,8 +61,8 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | 
     """
     simulated = simulated_sources(QUICK if quick else SIMULATED, seed)
     sources = [*real_sources(logs), *simulated]
-    found = dict(zip(sources, each(partial(kept, folder=FOLDER), sources, WORKERS), strict=True))
-    rows = truth_rows(found)
+    results = dict(zip(sources, each(partial(kept, folder=FOLDER), sources, WORKERS), strict=True))
+    rows = truth_rows(results)
     if json:
         command = "etude bench truth" + " --quick" * quick + " --logs FOLDER" * (logs is not None) + " --json"
         print(rows_json(rows, command))  # noqa: T201
@@ -95,53 +95,53 @@ def judged(source: Source) -> Ended:
     for wrong in wrongs(log, path, moves):
         if wrong.error in OF_ODDS and not source.real:
             continue
-        found = findings(world, wrong.made(log))
-        end, sentence = ending(wrong, found, right)
+        checked = findings(world, wrong.made(log))
+        end, sentence = ending(wrong, checked, right)
         counts.setdefault(wrong.error, Counter())[end] += 1
         if end == "right":
             sentences.setdefault(wrong.error, sentence)
         elif end != "cannot tell":
             missing.append(f"{wrong.error} of {wrong.part}: {end}: {sentence}")
-    return Ended({error: dict(own) for error, own in counts.items()}, flagged, sentences, missing)
+    return Ended({error: dict(by_end) for error, by_end in counts.items()}, flagged, sentences, missing)
 
 
 def findings(world: World, log: Log) -> list[Finding]:
     """All that `tell` asks of a log; a refusal for another reason is a red finding, "refused"."""
     kind, spec = world.kind, world.spec
-    known, channels = kind.expected(spec), kind.channels(spec)
+    expected, channels = kind.expected(spec), kind.channels(spec)
     with np.errstate(all="ignore"):
-        numbers = list(judge_numbers(log, known.limits))
+        numbers = list(judge_numbers(log, expected.limits))
         if numbers:
             return numbers
-        motion = list(judge_motion(log, kind.path, channels, known.limits, known.rate))
+        motion = list(judge_motion(log, kind.path, channels, expected.limits, expected.rate))
         if any(f.flag for f in motion):
             return motion
         commands = list(judged_commands(kind, spec, log))
         if any(f.flag for f in commands):
             return [*motion, *commands]
         try:
-            clean = clean_log(log, channels, known.limits, (), LogQuestions(kind, spec, Answers()).motion)
+            clean = clean_log(log, channels, expected.limits, (), LogQuestions(kind, spec, Answers()).motion)
         except EtudeError as error:
             return [*motion, *commands, Finding(REFUSED, "red", error.fact)]
         return [*motion, *commands, *kind.checks(spec, clean)]
 
 
-def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[str, str]:
+def ending(wrong: Wrong, checked: list[Finding], right: list[Finding]) -> tuple[str, str]:
     """Which of ENDS, and the sentence that says so. What the right log shows already is no detection."""
     before = {f.sentence for f in right}
-    told = [
+    alerts = [
         f
-        for f in found
+        for f in checked
         if (f.flag or f.light == "red" or f.check in (*CUT, *OF_NUMBERS)) and f.light != "green"
     ]
-    news = [f for f in told if f.sentence not in before]
+    news = [f for f in alerts if f.sentence not in before]
     mine = [f for f in news if _names(wrong, f, right)]
     if mine:
         return "right", mine[0].sentence
     if news:
         return ("refused" if news[0].check == REFUSED else "wrong"), news[0].sentence
-    asked = [f for f in found if f.check in (wrong.check, *INSTEAD.get(wrong.check, ()))]
-    unsure = not asked or any(f.light == "cannot tell" for f in asked) or _unsure(wrong, asked)
+    relevant = [f for f in checked if f.check in (wrong.check, *INSTEAD.get(wrong.check, ()))]
+    unsure = not relevant or any(f.light == "cannot tell" for f in relevant) or _unsure(wrong, relevant)
     return ("cannot tell" if unsure else "missed"), ""
 
 
@@ -149,9 +149,9 @@ INSTEAD = {"time": ("velocity",), "direction": ("velocity", "sign")}
 """The checks of which one stands where nothing was found."""
 
 
-def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
+def _unsure(wrong: Wrong, relevant: list[Finding]) -> bool:
     """Whether a green finding leaves this joint out: its sentence names those of which it cannot be told."""
-    return wrong.error == "sign" and any("cannot be told" in f.sentence for f in asked)
+    return wrong.error == "sign" and any("cannot be told" in f.sentence for f in relevant)
 
 
 def _names(wrong: Wrong, finding: Finding, right: list[Finding]) -> bool:
@@ -167,7 +167,7 @@ def _names(wrong: Wrong, finding: Finding, right: list[Finding]) -> bool:
         if isinstance(finding, Mendable):
             return finding.check == "swapped" and tuple(int(j) for j in by) == wrong.order
         return _moved(finding.check, by) == _moved("swapped", wrong.order)
-    return any(words in finding.sentence for words in wrong.says)
+    return any(phrase in finding.sentence for phrase in wrong.says)
 
 
 def _moved(check: str, by: Sequence[float]) -> set[int]:
@@ -175,13 +175,13 @@ def _moved(check: str, by: Sequence[float]) -> set[int]:
     return {i for i, j in enumerate(by) if (j < 0.0 if check == "sign" else int(j) != i)}
 
 
-def truth_rows(found: dict[Source, Ended]) -> list[Row]:
+def truth_rows(results: dict[Source, Ended]) -> list[Row]:
     """`<set>_<error>_<end>`, of all simulated logs and of each real one, and false alarms."""
     rows = []
-    for name, own in groups(found).items():
+    for name, ended_logs in groups(results).items():
         for error in ERRORS:
             counts: Counter[str] = Counter()
-            for ended in own:
+            for ended in ended_logs:
                 counts.update(ended.counts.get(error, {}))
             total = sum(counts.values())
             rows += [
@@ -189,20 +189,20 @@ def truth_rows(found: dict[Source, Ended]) -> list[Row]:
                 for end in ENDS
                 if total
             ]
-        alarms = sum(len(ended.flagged) for ended in own)
-        rows.append(Row(f"{name}_right_logs_suspected", alarms, "1", "logs", len(own)))
+        alarms = sum(len(ended.flagged) for ended in ended_logs)
+        rows.append(Row(f"{name}_right_logs_suspected", alarms, "1", "logs", len(ended_logs)))
     return rows
 
 
-def groups(found: dict[Source, Ended]) -> dict[str, list[Ended]]:
+def groups(results: dict[Source, Ended]) -> dict[str, list[Ended]]:
     """Simulated logs by robot and velocities, real ones by name."""
     grouped: dict[str, list[Ended]] = {}
-    for source, ended in found.items():
+    for source, ended in results.items():
         name = source.key if source.real else source.name.rsplit("_", 1)[0] + source.key[len(source.name) :]
         grouped.setdefault(name, []).append(ended)
     return grouped
 
 
-def texts(found: Iterable[Ended]) -> dict[str, str]:
+def texts(results: Iterable[Ended]) -> dict[str, str]:
     """A sentence of each error that was told."""
-    return {error: text for ended in found for error, text in ended.sentences.items()}
+    return {error: text for ended in results for error, text in ended.sentences.items()}

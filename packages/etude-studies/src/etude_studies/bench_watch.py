@@ -29,11 +29,11 @@ def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[
     if logs is None:
         raise UsageError("CrazyPAD is not part of the project", where="--logs", next_step="Name its folder.")
     every = flights(logs)
-    found: dict[str, list[ChangeTest]] = {}
+    tests_by_condition: dict[str, list[ChangeTest]] = {}
     for machine in dict.fromkeys(flight.machine for flight in every):
         for condition, one in of_machine([f for f in every if f.machine == machine], seed):
-            found.setdefault(condition, []).append(one)
-    rows = [row for condition, own in found.items() for row in rows_of(condition, own)]
+            tests_by_condition.setdefault(condition, []).append(one)
+    rows = [row for condition, tests in tests_by_condition.items() for row in rows_of(condition, tests)]
     if json:
         print(rows_json(rows, "etude bench watch --logs FOLDER --json"))  # noqa: T201
     else:
@@ -41,22 +41,22 @@ def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[
     return rows
 
 
-def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, ChangeTest]]:
+def of_machine(machine_flights: Sequence[Flight], seed: int) -> list[tuple[str, ChangeTest]]:
     """Condition and test of each flight that taught nothing."""
-    normal = [f for f in own if f.condition == NORMAL]
-    known = normal[: (len(normal) + 1) // 2]
-    if len(known) < 2:
+    normal = [f for f in machine_flights if f.condition == NORMAL]
+    taught = normal[: (len(normal) + 1) // 2]
+    if len(taught) < 2:
         return []
-    samples = joined_samples([f.samples for f in known])
+    samples = joined_samples([f.samples for f in taught])
     rng, limit = np.random.default_rng(seed), np.ones(len(MOTORS))
     model = select_structures(samples, Inputs(), {}, limit, MODEL, rng).model  # type: ignore[arg-type]
-    return [(f.condition, change_test(model, f.samples)) for f in own if f not in known]
+    return [(f.condition, change_test(model, f.samples)) for f in machine_flights if f not in taught]
 
 
-def rows_of(condition: str, found: Sequence[ChangeTest]) -> list[Row]:
+def rows_of(condition: str, tests: Sequence[ChangeTest]) -> list[Row]:
     """How many flights alarm, and how large their errors are."""
-    alarms = sum(one.alarm is not None for one in found)
+    alarms = sum(one.alarm is not None for one in tests)
     return [
-        Row(f"alarms_{condition}", alarms, "1", f"of {len(found)} flights"),
-        Row(f"z2_{condition}", float(np.median([one.z2 for one in found])), "1", "median"),
+        Row(f"alarms_{condition}", alarms, "1", f"of {len(tests)} flights"),
+        Row(f"z2_{condition}", float(np.median([one.z2 for one in tests])), "1", "median"),
     ]

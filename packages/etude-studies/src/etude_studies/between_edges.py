@@ -36,13 +36,13 @@ def edge_rows(logs: Path | None = None) -> list[Row]:
     `real_between`. `_inside`: only those between two of the draw's own; its own at an edge count as before.
     `<robot>_others`: of a simulated arm that has one short log, on two other motions.
     """
-    found: list[Row] = []
+    rows: list[Row] = []
     for name in SHORT:
-        found += log_rows(name, logs)
+        rows += log_rows(name, logs)
     for robot in SIMULATED:
         ratios = [new_motion(World.of(robot), seed) for seed in range(SEEDS)]
-        found += mean_rows(f"{robot}_others", ratios, "1", "", [])
-    return found
+        rows += mean_rows(f"{robot}_others", ratios, "1", "", [])
+    return rows
 
 
 def log_rows(name: str, logs: Path | None) -> list[Row]:
@@ -54,27 +54,27 @@ def log_rows(name: str, logs: Path | None) -> list[Row]:
     gap = 1.0 / filter_cutoff(log, world.config.data)
     parts = drawn(log, world, world.config.data)
     every = joined_samples(parts)
-    own = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
-    found: list[Row] = []
+    draw_of = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
+    rows: list[Row] = []
     for kind, splits in (
         ("blocks", [block_masks(every.t, gap)]),
         ("quarters", list(quarter_masks(every.t, gap))),
     ):
-        errors = np.array([_errors(world, every, own == draw, splits, draw) for draw in range(DRAWS)])
-        for place, way in enumerate(("others", "inside"), start=1):
+        errors = np.array([_errors(world, every, draw_of == draw, splits, draw) for draw in range(DRAWS)])
+        for place, variant in enumerate(("others", "inside"), start=1):
             ratios = (errors[:, place] / errors[:, 0]).tolist()
-            found += mean_rows(f"{name}_{kind}_{way}", ratios, "1", "", [])
-    return found
+            rows += mean_rows(f"{name}_{kind}_{variant}", ratios, "1", "", [])
+    return rows
 
 
-def _errors(world: World, every: Samples, own: Mask, splits: list[Split], draw: int) -> tuple[float, ...]:
+def _errors(world: World, every: Samples, mine: Mask, splits: list[Split], draw: int) -> tuple[float, ...]:
     """Mean nMSE over all splits together of a draw's own samples alone, of `others` and of `inside`."""
     tests, means = [], []
     for train, test in splits:
         held, rng = every.take(test), np.random.default_rng(draw)
-        model = world.learned(every.take(train & own), world.config.model, rng, body=False).model
+        model = world.learned(every.take(train & mine), world.config.model, rng, body=False).model
         tests.append(held)
-        more = (np.flatnonzero(train & ~own), inside(every.t, train, own))
+        more = (np.flatnonzero(train & ~mine), inside(every.t, train, mine))
         ways = [again(model, every.take(rows), float(DRAWS)) for rows in more]
         means.append([one.mean(held.log) for one in (model, *ways)])
     whole = joined_samples(tests)
@@ -85,17 +85,17 @@ def _errors(world: World, every: Samples, own: Mask, splits: list[Split], draw: 
     )
 
 
-def inside(t: Array, train: Mask, own: Mask) -> Index:
+def inside(t: Array, train: Mask, members: Mask) -> Index:
     """Positions of the other draws' samples that lie nearest to one of the draw's own `train` samples which
     is not at an edge; those at an edge come as often as there are other draws, so that with so many times
     the noise they are what they were.
     """
-    mine = np.flatnonzero(own)[np.argsort(t[own], kind="stable")]
-    known = train[mine]
-    edge = known & ~(np.append(True, known[:-1]) & np.append(known[1:], True))
+    mine = np.flatnonzero(members)[np.argsort(t[members], kind="stable")]
+    training = train[mine]
+    edge = training & ~(np.append(True, training[:-1]) & np.append(training[1:], True))
     middle = 0.5 * (t[mine][1:] + t[mine][:-1])
     nearest = np.searchsorted(middle, t)
-    others = np.flatnonzero(~own & (known & ~edge)[nearest])
+    others = np.flatnonzero(~members & (training & ~edge)[nearest])
     return np.concatenate([others, np.repeat(mine[edge], DRAWS - 1)])
 
 
@@ -107,9 +107,9 @@ def new_motion(world: World, seed: int) -> float:
         log: Log = world.robot.run(world.motion(rng, **one_period(seconds)), None, rng)
         return log
 
-    own, *others = drawn(run(LEARNED_S), world, world.config.data)
+    mine, *others = drawn(run(LEARNED_S), world, world.config.data)
     test = world.samples(run(TEST_S), run(TEST_S))
-    model = world.learned(own, world.config.model, rng, body=False).model
+    model = world.learned(mine, world.config.model, rng, body=False).model
     return _nmse(again(model, joined_samples(others), float(DRAWS)), test) / _nmse(model, test)
 
 

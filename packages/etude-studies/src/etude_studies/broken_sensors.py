@@ -27,9 +27,9 @@ class Shifted:
         return self.once.duration
 
     def motion(self, t: Array, orders: int = 3) -> Motion:
-        found = self.once.motion(t, orders).orders.copy()
-        found[0] -= self.shift
-        return Motion(t, found)
+        shifted = self.once.motion(t, orders).orders.copy()
+        shifted[0] -= self.shift
+        return Motion(t, shifted)
 
 
 def broken(

@@ -37,10 +37,10 @@ OTHERS = (5.0, 7.0, 15.0, 20.0, 30.0)
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, and prints the rows."""
     cells: dict[str, list[dict[str, Any]]] = {robot: [] for robot in ROBOTS}
-    for robot, own in counted([(robot, s) for robot in ROBOTS for s in range(seed, seed + seeds)]):
-        cells[robot].append(cell(robot, own, folder))
-    cells["all"] = [c for own in cells.values() for c in own]
-    rows = [row for robot, own in cells.items() for row in rows_of(robot, own)]
+    for robot, cell_seed in counted([(robot, s) for robot in ROBOTS for s in range(seed, seed + seeds)]):
+        cells[robot].append(cell(robot, cell_seed, folder))
+    cells["all"] = [c for robot_cells in cells.values() for c in robot_cells]
+    rows = [row for robot, robot_cells in cells.items() for row in rows_of(robot, robot_cells)]
     if json:
         print(rows_json(rows, f"etude study changed_robot --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
@@ -54,8 +54,8 @@ def cell(robot: str, seed: int, folder: Path) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
         facts = measured(robot, seed)
         write_atomic(path, text.dumps(facts).encode())
-    known: dict[str, Any] = text.loads(path.read_bytes())
-    return known
+    stored: dict[str, Any] = text.loads(path.read_bytes())
+    return stored
 
 
 @dataclass(frozen=True)
@@ -105,21 +105,21 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
         "friction": {"friction": FRICTION},
         "offset": {sensor: SENSOR * float(world.spec.command[joint])},
     }
-    found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist(), "freedom": model.freedom}
+    facts: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist(), "freedom": model.freedom}
     for name, what in whats.items():
         samples = world.samples(plant.run(world.motion(rng), rng, what))
-        found[name] = facts_of(change_test(model, samples), samples.t)
-    return found
+        facts[name] = facts_of(change_test(model, samples), samples.t)
+    return facts
 
 
-def facts_of(found: ChangeTest, t: Array) -> dict[str, Any]:
+def facts_of(test: ChangeTest, t: Array) -> dict[str, Any]:
     """The test of one log as a cell keeps it; t (n,) s of motion."""
     return {
-        "largest": float(found.evidence.max()),
-        "alarm_s": None if found.alarm is None else float(t[found.alarm]),
-        "others": {f"{alarm:g}": seconds_to(found.evidence, t, alarm) for alarm in OTHERS},
-        "named": found.cause,
-        "z2": found.z2,
+        "largest": float(test.evidence.max()),
+        "alarm_s": None if test.alarm is None else float(t[test.alarm]),
+        "others": {f"{alarm:g}": seconds_to(test.evidence, t, alarm) for alarm in OTHERS},
+        "named": test.cause,
+        "z2": test.z2,
     }
 
 

@@ -19,13 +19,13 @@ CHANGES = ("load", "friction", "offset")
 def rows_of(robot: str, cells: Sequence[dict[str, Any]]) -> list[Row]:
     """Of one robot's cells, or of all."""
     unchanged = [c[name] for c in cells for name in c if name.startswith("unchanged")]
-    alarms = sum(own["alarm_s"] is not None for own in unchanged)
+    alarms = sum(facts["alarm_s"] is not None for facts in unchanged)
     rows = [
         Row(f"freedom_{robot}", float(np.median([c["freedom"] for c in cells])), "1", "median, of the tails"),
         Row(
             f"false_alarms_{robot}", alarms, "1", f"of {len(unchanged)}; {_interval(alarms, len(unchanged))}"
         ),
-        Row(f"largest_unchanged_{robot}", max(own["largest"] for own in unchanged), "nats"),
+        Row(f"largest_unchanged_{robot}", max(facts["largest"] for facts in unchanged), "nats"),
     ]
     for name in CHANGES:
         rows += _noticed(robot, name, [c[name] for c in cells])
@@ -33,14 +33,14 @@ def rows_of(robot: str, cells: Sequence[dict[str, Any]]) -> list[Row]:
 
 
 def _noticed(robot: str, name: str, runs: Sequence[dict[str, Any]]) -> list[Row]:
-    seconds = [float("inf") if own["alarm_s"] is None else own["alarm_s"] for own in runs]
+    seconds = [float("inf") if facts["alarm_s"] is None else facts["alarm_s"] for facts in runs]
     soon = sum(s <= SOON for s in seconds)
     what = f"within {SOON:g} s, of {len(runs)}; {_interval(soon, len(runs))}"
     rows = [Row(f"{name}_noticed_{robot}", soon / len(runs), "1", what)]
     if np.isfinite(seconds).any():
         rows.append(Row(f"{name}_seconds_{robot}", float(np.median(seconds)), "s", "median"))
         rows.append(Row(f"{name}_longest_{robot}", max(s for s in seconds if np.isfinite(s)), "s"))
-    named = [own["named"] for own in runs if own["alarm_s"] is not None]
+    named = [facts["named"] for facts in runs if facts["alarm_s"] is not None]
     return rows + [
         Row(f"{name}_named_{word}_{robot}", named.count(word), "1", f"of {len(named)} noticed")
         for word in get_args(Cause)

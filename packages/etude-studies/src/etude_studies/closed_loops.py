@@ -64,23 +64,25 @@ def run_row(case: Case) -> list[dict[str, Any]]:
     """What became of each run; `logs`: those that its margins are of."""
     robot, world = _robot(case.robot)
     spec: ArmSpec = world.spec
-    known = world.kind.largest_error(spec)  # type: ignore[attr-defined]
+    largest_error = world.kind.largest_error(spec)  # type: ignore[attr-defined]
     tracking = world.config.tracking
-    rng, found = np.random.default_rng([case.seed, 15]), []
+    rng, rows = np.random.default_rng([case.seed, 15]), []
     errors: dict[bool, list[Array]] = {False: [], True: []}
     ranges = Ranges.of((spec.lower, spec.upper), (-spec.velocity, spec.velocity), _home(spec), _units(spec))
     for run in range(RUNS):
         exact = case.control == "feedforward" and run > 0
-        told = {case.form: errors[exact]} if errors[exact] else {}
-        wanted = margins_of(tracking, ranges, told, FORMS, known)
-        margins = {f: within_room(t, np.asarray(c), ranges, tracking.most) for f, (t, c) in wanted.items()}
-        kept = world.kind.limits(spec, world.config, None, margins if case.margin else {})
-        motion = _motion(world, case.form, kept, margins if case.margin else {}, rng)
+        measured = {case.form: errors[exact]} if errors[exact] else {}
+        margins_by_form = margins_of(tracking, ranges, measured, FORMS, largest_error)
+        margins = {
+            f: within_room(t, np.asarray(c), ranges, tracking.most) for f, (t, c) in margins_by_form.items()
+        }
+        constraints = world.kind.limits(spec, world.config, None, margins if case.margin else {})
+        motion = _motion(world, case.form, constraints, margins if case.margin else {}, rng)
         log = robot.run(motion, _exact(robot) if exact else None, rng)
         true = _true_errors(log, motion)
         outside = _outside(log, motion, spec)
-        table, sure = wanted[case.form][0], margins[case.form][1]
-        found.append(
+        table, sure = margins_by_form[case.form][0], margins[case.form][1]
+        rows.append(
             {
                 "run": run,
                 "logs": len(errors[exact]),
@@ -93,7 +95,7 @@ def run_row(case: Case) -> list[dict[str, Any]]:
             }
         )
         errors[exact].append(largest_errors(log, motion, "q")[case.form])
-    return found
+    return rows
 
 
 def _robot(name: str) -> tuple[Any, World]:
@@ -117,7 +119,7 @@ def _units(spec: ArmSpec) -> list[str]:
 
 
 def _motion(
-    world: World, form: str, kept: Sequence[Limit], margins: Margins, rng: np.random.Generator
+    world: World, form: str, constraints: Sequence[Limit], margins: Margins, rng: np.random.Generator
 ) -> Trajectory:
     """A large one inside the limits."""
     spec: ArmSpec = world.spec
@@ -126,27 +128,27 @@ def _motion(
         low, high = spec.lower + m[0], spec.upper - m[0]
         return random_moves(rng, low, high, spec.velocity - m[1], spec.acceleration, MOVES, box_fraction=1.0)
     family = world.kind.family(spec, world.config).drawn(rng)
-    return family.trajectory(scaled(rng, FeasibleSet.of(kept, family, _home(spec)))[0])
+    return family.trajectory(scaled(rng, FeasibleSet.of(constraints, family, _home(spec)))[0])
 
 
 def _true_errors(log: Log, motion: Trajectory) -> Array:
     """(HELD, k) largest true errors while it moves."""
-    own = (log.t >= 0.0) & (log.t <= motion.duration)
-    planned = motion.motion(log.t[own], HELD).orders
-    return np.stack([np.abs(a - b).max(axis=0) for a, b in zip(_truth(log, own), planned, strict=True)])
+    moving = (log.t >= 0.0) & (log.t <= motion.duration)
+    planned = motion.motion(log.t[moving], HELD).orders
+    return np.stack([np.abs(a - b).max(axis=0) for a, b in zip(_truth(log, moving), planned, strict=True)])
 
 
 def _outside(log: Log, motion: Trajectory, spec: ArmSpec) -> Array:
     """(HELD, k) how far positions and velocities left their limits, in parts of the range; <= 0: never."""
-    own = (log.t >= 0.0) & (log.t <= motion.duration)
-    q, qd = _truth(log, own)
+    moving = (log.t >= 0.0) & (log.t <= motion.duration)
+    q, qd = _truth(log, moving)
     beyond = np.maximum(q - spec.upper, spec.lower - q) / (spec.upper - spec.lower)
     return np.stack([beyond.max(axis=0), (np.abs(qd) / spec.velocity - 1.0).max(axis=0)])
 
 
-def _truth(log: Log, own: Any) -> tuple[Array, Array]:
+def _truth(log: Log, moving: Any) -> tuple[Array, Array]:
     q = log["q_true"]
-    return q[own], np.gradient(q, log.t, axis=0)[own]
+    return q[moving], np.gradient(q, log.t, axis=0)[moving]
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -157,22 +159,24 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     for margin in (True, False):
         for name in [*ROBOTS, "all"]:
             for part in ("assumed", "learned"):
-                own = [
+                selected = [
                     run
                     for row in rows
                     if row["margin"] == margin and name in (row["robot"], "all")
                     for run in row["runs"]
                     if (run["logs"] == 0) == (part == "assumed")
                 ]
-                if own:
-                    lines.append(_line(f"{'with' if margin else 'without'} margins, {name}, {part}", own))
+                if selected:
+                    lines.append(
+                        _line(f"{'with' if margin else 'without'} margins, {name}, {part}", selected)
+                    )
     return "\n".join(lines)
 
 
 def _line(name: str, runs: Sequence[Mapping[str, Any]]) -> str:
     out = np.array([run["outside"] for run in runs]) > SLACK
-    kept = np.mean([run["covered"] for run in runs], axis=0)
-    share = [*out.mean(axis=0), out.any(axis=1).mean(), *kept]
+    covered = np.mean([run["covered"] for run in runs], axis=0)
+    share = [*out.mean(axis=0), out.any(axis=1).mean(), *covered]
     text = "".join(f"{100 * s:>{w}.1f}" for s, w in zip(share, (10, 10, 8, 11, 11), strict=True))
     return f"{name:<34}{len(runs):>6}{text}"
 

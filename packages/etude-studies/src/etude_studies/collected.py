@@ -38,30 +38,30 @@ def collect(store: Path, runs: Mapping[str, Sequence[Spec]], target: Path) -> di
     """
     missing = {}
     for run, specs in runs.items():
-        found = {}
-        for spec in sorted(specs, key=lambda own: own.seed):
+        tables = {}
+        for spec in sorted(specs, key=lambda one: one.seed):
             try:
-                found[spec] = read_result(result_path(store, spec), spec)
+                tables[spec] = read_result(result_path(store, spec), spec)
             except DataError:
                 continue
-        missing[run] = tuple(spec for spec in specs if spec not in found)
-        if found:
-            made = {spec: read_made(result_path(store, spec)) for spec in found}
-            write_atomic(Path(target) / f"{run}.parquet", _collected(run, found, made))
+        missing[run] = tuple(spec for spec in specs if spec not in tables)
+        if tables:
+            made = {spec: read_made(result_path(store, spec)) for spec in tables}
+            write_atomic(Path(target) / f"{run}.parquet", _collected(run, tables, made))
     return missing
 
 
-def _collected(run: str, found: Mapping[Spec, pl.DataFrame], made: Mapping[Spec, Made]) -> bytes:
+def _collected(run: str, by_spec: Mapping[Spec, pl.DataFrame], made: Mapping[Spec, Made]) -> bytes:
     import polars as pl
 
-    seeds = [spec.seed for spec in found]
+    seeds = [spec.seed for spec in by_spec]
     if len(set(seeds)) < len(seeds):
         raise DataError(f"a seed of {run} stands there twice", next_step="Give every seed one spec.")
     tables = [
         table.select(pl.lit(spec.seed, pl.Int32).alias("seed"), *KEYS, "value")
-        for spec, table in found.items()
+        for spec, table in by_spec.items()
     ]
-    summary = _summary(list(found), [made[spec] for spec in found])
+    summary = _summary(list(by_spec), [made[spec] for spec in by_spec])
     metadata = {"format": FORMAT, "run": run, "made": json.dumps(summary, sort_keys=True)}
     return parquet_bytes(pl.concat(tables).sort(ORDER), metadata)
 
@@ -69,8 +69,8 @@ def _collected(run: str, found: Mapping[Spec, pl.DataFrame], made: Mapping[Spec,
 def _summary(specs: Sequence[Spec], made: Sequence[Made]) -> dict[str, Any]:
     """What all seeds have in common once, what differs by seed."""
     batches: dict[str, dict[str, Any]] = {}
-    for spec, own in zip(specs, made, strict=True):
-        common = {"commit": own.commit, "versions": own.versions, "machine": own.machine}
+    for spec, origin in zip(specs, made, strict=True):
+        common = {"commit": origin.commit, "versions": origin.versions, "machine": origin.machine}
         batch = batches.setdefault(json.dumps(common, sort_keys=True), {**common, "seeds": []})
         batch["seeds"].append(spec.seed)
     first = specs[0]
@@ -78,12 +78,12 @@ def _summary(specs: Sequence[Spec], made: Sequence[Made]) -> dict[str, Any]:
         "function": first.function,
         "settings": first.settings,
         "hashes": {str(spec.seed): spec.hash for spec in specs},
-        "commit": _joined(own.commit for own in made),
-        "versions": {name: _joined(own.versions[name] for own in made) for name in made[0].versions},
-        "machine": {name: _joined(own.machine[name] for own in made) for name in made[0].machine},
-        "cpu_s": round(sum(own.cpu_s for own in made), 1),
-        "wall_s": round(sum(own.wall_s for own in made), 1),
-        "date": max(own.date for own in made),
+        "commit": _joined(origin.commit for origin in made),
+        "versions": {name: _joined(origin.versions[name] for origin in made) for name in made[0].versions},
+        "machine": {name: _joined(origin.machine[name] for origin in made) for name in made[0].machine},
+        "cpu_s": round(sum(origin.cpu_s for origin in made), 1),
+        "wall_s": round(sum(origin.wall_s for origin in made), 1),
+        "date": max(origin.date for origin in made),
         "batches": list(batches.values()),
     }
 
@@ -135,11 +135,11 @@ class Results:
         import polars as pl
 
         run, _, model = source.partition(":")
-        own = self._partition(run).get((model, measure, test, part))
-        if own is None:
+        figures = self._partition(run).get((model, measure, test, part))
+        if figures is None:
             return {}
-        found = own.filter(pl.col("k") == k)
-        return dict(zip(found["seed"].to_list(), found["value"].to_list(), strict=True))
+        selected = figures.filter(pl.col("k") == k)
+        return dict(zip(selected["seed"].to_list(), selected["value"].to_list(), strict=True))
 
     def _partition(self, run: str) -> dict[Any, pl.DataFrame]:
         if run not in self._parts and run in self.tables:
@@ -150,8 +150,8 @@ class Results:
     def replaced_by(self, other: Results) -> Results:
         """These, and in the place of a run that `other` has too, that one's."""
         tables = {**self.tables, **other.tables}
-        told = {**self.descriptions, **other.descriptions}
-        return Results(dict(sorted(tables.items())), dict(sorted(told.items())))
+        descriptions = {**self.descriptions, **other.descriptions}
+        return Results(dict(sorted(tables.items())), dict(sorted(descriptions.items())))
 
     def made(self, run: str) -> Mapping[str, Any]:
         """Where a run's results come from.

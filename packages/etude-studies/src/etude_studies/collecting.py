@@ -64,10 +64,10 @@ def _all_teach(config: CampaignConfig) -> CampaignConfig:
 
 def collected(campaign: Campaign) -> float:
     """Largest position error of any joint in the motions from the second on, degrees."""
-    told = [r.ingested.tracked for r in campaign.state().ingested[1:] if r.ingested]
+    tracked = [r.ingested.tracked for r in campaign.state().ingested[1:] if r.ingested]
     return float(
         np.degrees(
-            max(np.max(np.array(table[0], dtype=float)) for by_form in told for table in by_form.values())
+            max(np.max(np.array(table[0], dtype=float)) for by_form in tracked for table in by_form.values())
         )
     )
 
@@ -78,12 +78,14 @@ def table(folder: Path, seeds: Sequence[int]) -> str:
     lines.append("|---|---|---|---|---|---|---|")
     for robot in ROBOTS:
         for manner in MANNERS:
-            own = [open_campaign(folder / Cell(robot, manner, s).name) for s in seeds]
+            campaigns = [open_campaign(folder / Cell(robot, manner, s).name) for s in seeds]
             alone = [open_campaign(folder / Cell(robot, MANNERS[0], s).name) for s in seeds]
-            largest = float(np.median([collected(campaign) for campaign in own]))
+            largest = float(np.median([collected(campaign) for campaign in campaigns]))
             for test in TESTS:
                 cells = [
-                    _cell(tracking_errors(own, test, "", k), tracking_errors(alone, test, "", k), manner)
+                    _cell(
+                        tracking_errors(campaigns, test, "", k), tracking_errors(alone, test, "", k), manner
+                    )
                     for k in SHOWN
                 ]
                 lines.append(f"| `{robot}` | {manner} | {test} | {' | '.join(cells)} | {largest:.1f} deg |")
@@ -94,8 +96,8 @@ def _cell(mine: Sequence[float], theirs: Sequence[float], manner: str) -> str:
     mean = f"{np.mean(mine):.3f}"
     if manner == MANNERS[0]:
         return mean
-    found = paired(mine, theirs)
-    return f"{mean}: {found.ratio:.2f} ({found.low:.2f} to {found.high:.2f})"
+    ratio = paired(mine, theirs)
+    return f"{mean}: {ratio.ratio:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
 
 
 def main(folder: Path, first: int = FIRST, seeds: int = SEEDS) -> None:

@@ -41,11 +41,11 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
         if not path.exists():
             folder.mkdir(parents=True, exist_ok=True)
             write_atomic(path, text.dumps(measured(robot, s)).encode())
-    known = {key: text.loads(path.read_bytes()) for key, path in cells.items()}
+    stored = {key: text.loads(path.read_bytes()) for key, path in cells.items()}
     rows = [
-        row for robot in ROBOTS for row in rows_of(robot, [c for (r, _), c in known.items() if r == robot])
+        row for robot in ROBOTS for row in rows_of(robot, [c for (r, _), c in stored.items() if r == robot])
     ]
-    rows += rows_of("all", list(known.values()))
+    rows += rows_of("all", list(stored.values()))
     if json:
         print(rows_json(rows, f"etude study confirm --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
@@ -55,10 +55,10 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
 def rows_of(robot: str, cells: list[list[list[float | None]]]) -> list[Row]:
     """Quantiles over all joints that move in all motions, and how many lie inside the forecast."""
     every = [joint for cell in cells for joint in cell]
-    told = np.array([joint[:2] for joint in every if joint[0] is not None], dtype=float)
-    ratio = told[:, 0]
-    said = f"of {len(ratio)}; nothing said of {len(every) - len(ratio)}"
-    rows = [Row(f"inside_{robot}", float(told[:, 1].sum()), "1", said)]
+    pairs = np.array([joint[:2] for joint in every if joint[0] is not None], dtype=float)
+    ratio = pairs[:, 0]
+    sentence = f"of {len(ratio)}; nothing said of {len(every) - len(ratio)}"
+    rows = [Row(f"inside_{robot}", float(pairs[:, 1].sum()), "1", sentence)]
     marks = {"least": 0.0, "q10": 0.1, "median": 0.5, "q90": 0.9, "most": 1.0}
     return rows + [Row(f"{name}_{robot}", float(np.quantile(ratio, q)), "1") for name, q in marks.items()]
 
@@ -92,13 +92,13 @@ def _joints(world: World, model: LearnedModel, motion: Any, logs: list[Log]) -> 
     trained = trained_speeds(model, rates)
     without, fed = logs
     commands = model.mean(model.inputs.states(motion.motion(without.t, model.inputs.orders)))
-    found = without_it(without, path, motion, moving(motion, without.t, trained), commands)
+    forecast = without_it(without, path, motion, moving(motion, without.t, trained), commands)
     error = errors(fed, path, motion, moving(motion, fed.t, trained))
     left = left_over(model, motion, trained)
-    middle = np.hypot(np.array(left, dtype=float) * found.moving, found.noise)
+    middle = np.hypot(np.array(left, dtype=float) * forecast.moving, forecast.noise)
     return [
-        [None, None] if said is None else [float(e / m), float(said[0] <= e <= said[1])]
-        for e, m, said in zip(error, middle, found.expected(left), strict=True)
+        [None, None] if interval is None else [float(e / m), float(interval[0] <= e <= interval[1])]
+        for e, m, interval in zip(error, middle, forecast.expected(left), strict=True)
     ]
 
 

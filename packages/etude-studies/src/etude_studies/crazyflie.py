@@ -54,10 +54,10 @@ def crazyflie_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:
     if not flights:
         say("crazyflie_nmse left out: examples/crazyflie is incomplete; install etude again.")
         return []
-    blocks = [by_block(flights, own) for own in counted(rng.spawn(1 if quick else SEEDS))]
+    blocks = [by_block(flights, seed_rng) for seed_rng in counted(rng.spawn(1 if quick else SEEDS))]
     block, unseen = blocks[0], by_manoeuvre(flights, rng)
     every, missing = np.ones(len(block.group), dtype=np.bool_), in_flight(unseen)
-    errors = [nmse(found.command, found.mean) for found in blocks]
+    errors = [nmse(outcome.command, outcome.mean) for outcome in blocks]
     linear = [nmse(block.command, block.linear)]
     rows = mean_rows("crazyflie_nmse", errors, "1", f"linear regression; chosen: {block.chosen}", linear)
     if not quick:
@@ -79,35 +79,37 @@ def crazyflie_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:
     ]
 
 
-def _error_rows(name: str, found: Outcome, own: Mask) -> list[Row]:
-    linear, rigid, mine = (nmse(found.command[own], p[own]) for p in (found.linear, found.rigid, found.mean))
+def _error_rows(name: str, outcome: Outcome, mask: Mask) -> list[Row]:
+    linear, rigid, mine = (
+        nmse(outcome.command[mask], p[mask]) for p in (outcome.linear, outcome.rigid, outcome.mean)
+    )
     return [
-        Row(name, mine, "1", f"linear regression; chosen: {found.chosen}", linear),
+        Row(name, mine, "1", f"linear regression; chosen: {outcome.chosen}", linear),
         Row(f"{name}_rigid_body", rigid, "1", "linear regression", linear),
-        Row(f"{name}_raw", nmse(found.raw[own], found.mean[own]), "1", "set-points averaged", mine),
+        Row(f"{name}_raw", nmse(outcome.raw[mask], outcome.mean[mask]), "1", "set-points averaged", mine),
     ]
 
 
-def _calibration_rows(name: str, found: Outcome, own: Mask) -> list[Row]:
-    ratio = (found.command - found.mean)[own] / np.sqrt(found.variance[own])
+def _calibration_rows(name: str, outcome: Outcome, mask: Mask) -> list[Row]:
+    ratio = (outcome.command - outcome.mean)[mask] / np.sqrt(outcome.variance[mask])
     return [
         Row(f"{name}_z2", float(np.mean(ratio**2)), "1", "calibrated", 1.0),
         Row(f"{name}_coverage", float(np.mean(np.abs(ratio) <= NORMAL_95)), "1", "95 %", 0.95),
     ]
 
 
-def _doubt_rows(found: Outcome, missing: Mask) -> list[Row]:
+def _doubt_rows(outcome: Outcome, missing: Mask) -> list[Row]:
     """Deviations on the missing manoeuvre over those on held-out blocks of known ones; errors likewise."""
     rows = []
     for name, weights in (("", np.eye(4)), ("_yaw", YAW[:, None] / 2.0)):
-        error = (found.command - found.mean) @ weights
-        deviation = np.sqrt(found.variance @ weights**2)
-        latent = np.sqrt(found.latent @ weights**2)
+        error = (outcome.command - outcome.mean) @ weights
+        deviation = np.sqrt(outcome.variance @ weights**2)
+        latent = np.sqrt(outcome.latent @ weights**2)
         real = _rms(error[missing]) / _rms(error[~missing])
-        told = float(deviation[missing].mean() / deviation[~missing].mean())
+        stated = float(deviation[missing].mean() / deviation[~missing].mean())
         before = float(latent[missing].mean() / latent[~missing].mean())
         rows += [
-            Row(f"crazyflie_unseen_deviation_ratio{name}", told, "1", "ratio of the real errors", real),
+            Row(f"crazyflie_unseen_deviation_ratio{name}", stated, "1", "ratio of the real errors", real),
             Row(f"crazyflie_unseen_latent_ratio{name}", before, "1", "noise and calibration left out"),
             Row(
                 f"crazyflie_unseen_z2{name or '_all'}",
@@ -123,8 +125,8 @@ def _doubt_rows(found: Outcome, missing: Mask) -> list[Row]:
 def _lag_rows(flights: dict[int, list[Log]], block: Outcome) -> list[Row]:
     rows = [Row("crazyflie_lag_ms", 1e3 * block.lag, "ms", "training blocks of all flights")]
     for number in (10, 15):
-        own = 1e3 * lag_of(flights[number])
-        rows.append(Row(f"crazyflie_lag_flight_{number}_ms", own, "ms", "that flight alone"))
+        lag_ms = 1e3 * lag_of(flights[number])
+        rows.append(Row(f"crazyflie_lag_flight_{number}_ms", lag_ms, "ms", "that flight alone"))
     return rows
 
 

@@ -30,6 +30,8 @@ def crazyflie_accuracy_rows(rng: np.random.Generator) -> list[Row]:
     ]
 
 
-def _rows(name: str, found: Outcome, own: Mask) -> list[Row]:
-    command, mean, linear, raw = (part[own] for part in (found.command, found.mean, found.linear, found.raw))
+def _rows(name: str, outcome: Outcome, mask: Mask) -> list[Row]:
+    command, mean, linear, raw = (
+        part[mask] for part in (outcome.command, outcome.mean, outcome.linear, outcome.raw)
+    )
     return accuracy_rows(name, command, mean, linear, np.ones(command.shape, dtype=np.bool_), raw)

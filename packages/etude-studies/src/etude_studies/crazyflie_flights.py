@@ -96,8 +96,8 @@ def by_block(
 
 def by_manoeuvre(flights: dict[int, list[Log]], rng: np.random.Generator) -> Outcome:
     """Flight 16 whole, and the held-out blocks of flights 10 and 15, from the other blocks of these two."""
-    seen = [log for number, logs in flights.items() if number != UNSEEN for log in logs]
-    return _outcome(flights, (UNSEEN,), lag_of(seen), rng)
+    training = [log for number, logs in flights.items() if number != UNSEEN for log in logs]
+    return _outcome(flights, (UNSEEN,), lag_of(training), rng)
 
 
 def lag_of(logs: Sequence[Log]) -> float:
@@ -106,17 +106,17 @@ def lag_of(logs: Sequence[Log]) -> float:
     return common_lag(training_pieces(logs), world.spec, world.config.data)
 
 
-def in_flight(found: Outcome, number: int = UNSEEN) -> Mask:
+def in_flight(outcome: Outcome, number: int = UNSEEN) -> Mask:
     """(n,) samples of that flight."""
-    return np.asarray(found.group == number)
+    return np.asarray(outcome.group == number)
 
 
 def training_pieces(logs: Sequence[Log]) -> list[Log]:
     """What lies between the held-out blocks of each log, as logs of their own."""
     pieces = []
     for log in logs:
-        known = np.flatnonzero(block_masks(log.t, GAP_S)[0])
-        for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        training = np.flatnonzero(block_masks(log.t, GAP_S)[0])
+        for run in np.split(training, np.flatnonzero(np.diff(training) > 1) + 1):
             pieces.append(log.take(run))
     return pieces
 
@@ -148,10 +148,10 @@ def _divided(
         start = 0.0
         for log in logs:
             data, recorded = _samples(log, number, lag, start)
-            known, held = block_masks(data.t, GAP_S)
+            training, held = block_masks(data.t, GAP_S)
             if number in unseen:
-                known, held = np.zeros_like(known), np.ones_like(held)
-            train.append(data.take(known))
+                training, held = np.zeros_like(training), np.ones_like(held)
+            train.append(data.take(training))
             test.append(data.take(held))
             raw.append(recorded[held])
             start = float(data.t[-1]) + 1.0  # a pause: the recording goes on later
@@ -172,8 +172,8 @@ def _outcome(
     latent, X = np.zeros_like(mean), model.inputs.of_log(test.log)
     for candidate in model.candidates:
         assert candidate.process is not None
-        own = candidate.weights * candidate.units[1] ** 2 * candidate.process.predict(X)[1]
-        latent[:, list(candidate.commands)] += own
+        command_variance = candidate.weights * candidate.units[1] ** 2 * candidate.process.predict(X)[1]
+        latent[:, list(candidate.commands)] += command_variance
     return Outcome(
         group=test.group,
         command=test.command,

@@ -77,12 +77,12 @@ def flights(folder: Path) -> list[Flight]:
         names, t, data, number = (arrays[n] for n in ("columns", "t", "data", "flight"))
         conditions, logs = arrays["condition"], arrays["log"]
     places = {name: int(np.flatnonzero(names == column)[0]) for name, column in COLUMNS.items()}
-    found = []
+    recorded = []
     for i, (condition, log) in enumerate(zip(conditions.tolist(), logs.tolist(), strict=True)):
-        own = number == i
-        values = {name: data[own, place].astype(float) for name, place in places.items()}
-        found.append(Flight(log[:2], condition, samples_of(t[own] - t[own][0], values, i)))
-    return found
+        rows = number == i
+        values = {name: data[rows, place].astype(float) for name, place in places.items()}
+        recorded.append(Flight(log[:2], condition, samples_of(t[rows] - t[rows][0], values, i)))
+    return recorded
 
 
 def samples_of(t: Array, values: Mapping[str, Array], number: int) -> Samples:

@@ -26,10 +26,10 @@ GOALS = (0.5, 0.3, 0.2)
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, seed by seed, and prints the rows of all."""
-    for own in counted(range(seed, seed + seeds)):
+    for cell_seed in counted(range(seed, seed + seeds)):
         for part, (_, arms) in counted(PARTS.items()):
             for arm in counted(arms):
-                cell(part, arm, own, folder)
+                cell(part, arm, cell_seed, folder)
     rows = rows_of(folder, range(seed, seed + seeds))
     if json:
         print(rows_json(rows, f"etude study design --seed {seed} --seeds {seeds}"))  # noqa: T201
@@ -43,8 +43,8 @@ def cell(part: str, arm: str, seed: int, folder: Path) -> Cell:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text.dumps(PARTS[part][0](arm, seed), indent=1).encode())
-    known: Cell = text.loads(path.read_bytes())
-    return known
+    stored: Cell = text.loads(path.read_bytes())
+    return stored
 
 
 def rows_of(folder: Path, seeds: Sequence[int]) -> list[Row]:
@@ -63,12 +63,12 @@ def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
     unit = UNITS.get(part, "deg")
     rows = []
     for key in cells[0]:
-        found = [c[key] for c in cells]
+        values = [c[key] for c in cells]
         name = f"{part}_{arm}_{key}".replace(" ", "_")
-        own = "s" if key.endswith("seconds") else unit
-        rows += mean_rows(name, found, own, "", [])[:1]
+        figure_unit = "s" if key.endswith("seconds") else unit
+        rows += mean_rows(name, values, figure_unit, "", [])[:1]
         for beside in _beside(key, cells[0]):
-            rows += ratio_rows(name, found, [c[beside] for c in cells], beside)
+            rows += ratio_rows(name, values, [c[beside] for c in cells], beside)
     return rows + (seconds_rows(arm, cells) if part == "lengths" else [])
 
 
@@ -90,19 +90,19 @@ of short flights long ones."""
 
 def _beside(key: str, cell: Cell) -> list[str]:
     """The figures that one is held against."""
-    first, _, rest = key.partition(" ")
-    names = [] if rest == "seconds" else [f"{other} {rest}" for other in AGAINST.get(first, ())]
+    first, _, suffix = key.partition(" ")
+    names = [] if suffix == "seconds" else [f"{other} {suffix}" for other in AGAINST.get(first, ())]
     return [name for name in names if name in cell]
 
 
 def ratio_rows(name: str, values: Sequence[float], references: Sequence[float], beside: str) -> list[Row]:
     """Geometric mean of paired ratios with its 95 % t-interval, and the worst seeds."""
-    found = paired(values, references)
+    ratio = paired(values, references)
     over = f"{name}_over_{beside.partition(' ')[0]}"
     return [
-        Row(over, found.ratio, "1", f"{found.count} seeds"),
-        Row(f"{over}_low", found.low, "1", "95 %"),
-        Row(f"{over}_high", found.high, "1", "95 %"),
+        Row(over, ratio.ratio, "1", f"{ratio.count} seeds"),
+        Row(f"{over}_low", ratio.low, "1", "95 %"),
+        Row(f"{over}_high", ratio.high, "1", "95 %"),
         Row(f"{over}_worst", float(max(values)), "as above", "the other's worst", float(max(references))),
     ]
 
@@ -113,7 +113,7 @@ def seconds_rows(arm: str, cells: list[Cell]) -> list[Row]:
     for what in ("designed", "random"):
         for segment in LENGTHS:
             for goal in GOALS:
-                until = [_seconds(own, f"{what} {segment:g} s after ", goal) for own in cells]
+                until = [_seconds(arm_cell, f"{what} {segment:g} s after ", goal) for arm_cell in cells]
                 rows.append(
                     Row(
                         f"seconds_{arm}_{what}_{segment:g}_to_{goal:g}",

@@ -68,7 +68,7 @@ class Arm:
         """A recording of `count` segments as `ask` designs it; without a model from the limits alone."""
         kind, spec, config = self.world.kind, self.world.spec, self.world.config
         inputs = kind.inputs(spec, config) if model is None else model.inputs
-        known: Any = model or prior_latents(
+        latents: Any = model or prior_latents(
             inputs,
             kind.expected(spec).limits,
             kind.limit(spec),
@@ -80,7 +80,7 @@ class Arm:
             self.limits,
             self.home,
             inputs,
-            known,
+            latents,
             replace(config.design, **design),
             rng,
             tasks,
@@ -93,10 +93,10 @@ class Arm:
 
     def reference(self, rng: np.random.Generator) -> list[Trajectory]:
         """Half moves, half slow series, as `ask` draws them."""
-        found: list[Trajectory] = []
-        while len(found) < MOTIONS:
-            found += self.world.kind.tests(self.world.spec, self.world.config, rng).values()
-        return found
+        motions: list[Trajectory] = []
+        while len(motions) < MOTIONS:
+            motions += self.world.kind.tests(self.world.spec, self.world.config, rng).values()
+        return motions
 
     def recorded(self, motion: Trajectory, rng: np.random.Generator) -> Log:
         log: Log = self.made.run(motion, None, rng)
@@ -119,8 +119,8 @@ class Arm:
         rng: np.random.Generator,
     ) -> LearnedModel:
         """The model of that structure; "auto": as the ladder chooses, with everything that is averaged."""
-        own = replace(self.world.config.model, rung=rung)
-        config = own if rung == "auto" else replace(own, candidates=("default",))
+        model_config = replace(self.world.config.model, rung=rung)
+        config = model_config if rung == "auto" else replace(model_config, candidates=("default",))
         return self.world.learned(self.samples(runs), config, rng).model
 
     def errors(self, model: LearnedModel, tests: Sequence[Trajectory], rng: np.random.Generator) -> float:
@@ -130,15 +130,15 @@ class Arm:
         if hasattr(self.made, "error"):
             controller = self.world.kind.controller(self.world.spec, self.world.config, model)
             return self.tracked(controller, tests, rng)
-        found = []
+        errors = []
         for test in tests:
             t = np.arange(0.0, test.duration, 0.05)
             q, qd, qdd = test.motion(t, 3).orders
-            known = {c.name: c for c in self.world.kind.channels(self.world.spec)}
-            log = Log(t, {n: known[n] for n in ("q", "qd", "qdd")}, {"q": q, "qd": qd, "qdd": qdd})
+            channels = {c.name: c for c in self.world.kind.channels(self.world.spec)}
+            log = Log(t, {n: channels[n] for n in ("q", "qd", "qdd")}, {"q": q, "qd": qd, "qdd": qdd})
             wrong = np.abs(model.posterior(log)[0] - self.made.inverse(q, qd, qdd))
-            found.append(wrong / self.world.kind.limit(self.world.spec))
-        return 100.0 * float(np.mean(np.concatenate(found)))
+            errors.append(wrong / self.world.kind.limit(self.world.spec))
+        return 100.0 * float(np.mean(np.concatenate(errors)))
 
     def tracked(
         self, controller: Controller | None, tests: Sequence[Trajectory], rng: np.random.Generator
@@ -149,10 +149,10 @@ class Arm:
 
     def tests(self, rng: np.random.Generator) -> list[Trajectory]:
         """The kind's tests; of an arm that follows exactly, more of them and random motions too."""
-        own = list(self.world.kind.tests(self.world.spec, self.world.config, rng).values())
+        standard = list(self.world.kind.tests(self.world.spec, self.world.config, rng).values())
         if hasattr(self.made, "error"):
-            return own
-        return [*self.random(rng, JUDGED), *own]
+            return standard
+        return [*self.random(rng, JUDGED), *standard]
 
 
 @cache

@@ -32,24 +32,27 @@ def flights(name: str, seed: int) -> dict[str, float]:
     The first is flown under feedback alone, later ones with what was learned of the drag, as `etude simulate`
     does; its largest distance from the plan stands beside it.
     """
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for length in LENGTHS:
-        own = Flights.of(name, "low", duration=length)
+        vehicle = Flights.of(name, "low", duration=length)
         logs: list[Log] = []
         controller: Controller | None = None
         while len(logs) * length < SECONDS:
             number = len(logs)
-            flight = own.drawn(np.random.default_rng([seed, MOTION, number]), 1)[0]
-            logs += [own.robot.test(flight, controller, np.random.default_rng([seed, RUN, number]))]
-            found[f"{length:g}-s farthest {number + 1}"] = _farthest(logs[-1])
-            model = own.world.learned(
-                own.world.samples(*logs), own.world.config.model, np.random.default_rng([seed, FIT])
+            flight = vehicle.drawn(np.random.default_rng([seed, MOTION, number]), 1)[0]
+            logs += [vehicle.robot.test(flight, controller, np.random.default_rng([seed, RUN, number]))]
+            errors[f"{length:g}-s farthest {number + 1}"] = _farthest(logs[-1])
+            model = vehicle.world.learned(
+                vehicle.world.samples(*logs), vehicle.world.config.model, np.random.default_rng([seed, FIT])
             ).model
             controller = leaning(model)
-            found |= _judged(
-                own, own.world.kind.controller(own.world.spec, own.world.config, model), logs, seed
+            errors |= _test_errors(
+                vehicle,
+                vehicle.world.kind.controller(vehicle.world.spec, vehicle.world.config, model),
+                logs,
+                seed,
             )
-    return found
+    return errors
 
 
 def _farthest(log: Log) -> float:
@@ -58,15 +61,15 @@ def _farthest(log: Log) -> float:
     return float(error.max())
 
 
-def _judged(own: Flights, controller: Controller, logs: list[Log], seed: int) -> dict[str, float]:
+def _test_errors(vehicle: Flights, controller: Controller, logs: list[Log], seed: int) -> dict[str, float]:
     """Mean distance from the plan on the kind's tests, m, by its seconds of flight."""
-    world = own.world
+    world, robot = vehicle.world, vehicle.robot
     tests = world.kind.tests(world.spec, world.config, np.random.default_rng([seed, TEST]))
     errors = [
-        own.robot.error(own.robot.test(test, controller, np.random.default_rng([seed, TEST, 1])))[0][-1]
+        robot.error(robot.test(test, controller, np.random.default_rng([seed, TEST, 1])))[0][-1]
         for test in tests.values()
     ]
-    length = own.world.config.trajectory.duration
+    length = vehicle.world.config.trajectory.duration
     return {f"{length:g}-s after {length * len(logs):g} s": float(np.mean(errors))}
 
 
@@ -79,10 +82,10 @@ def room(name: str, seed: int) -> dict[str, float]:
         for _ in simulate(campaign, FLIGHTS):
             pass
         rounds = campaign.state().rounds.values()
-        found = {"left": float(sum(r.abandoned for r in rounds)), "flights": float(len(rounds))}
-        told = [r.number for r in rounds if not r.abandoned]
-        return found | {
-            f"of margin {place}": _of_margin(campaign, n) for place, n in enumerate(told, start=1)
+        counts = {"left": float(sum(r.abandoned for r in rounds)), "flights": float(len(rounds))}
+        completed = [r.number for r in rounds if not r.abandoned]
+        return counts | {
+            f"of margin {place}": _of_margin(campaign, n) for place, n in enumerate(completed, start=1)
         }
 
 
@@ -91,6 +94,6 @@ def _of_margin(campaign: Campaign, number: int) -> float:
     log = read_log_file(campaign.path / "runs" / f"{number:04d}.parquet")
     proposal = campaign.path / "proposals" / f"{number:04d}" / "certificate.json"
     rows = [row for row in json.loads(proposal.read_bytes())["rows"] if row["quantity"] == "position"]
-    kept = np.asarray(campaign.spec.upper) - [row["upper"] for row in rows]
+    reserve = np.asarray(campaign.spec.upper) - [row["upper"] for row in rows]
     away: Array = np.abs(log["position_des"] - log["position"]).max(axis=0)
-    return float((away / kept).max())
+    return float((away / reserve).max())

@@ -37,14 +37,14 @@ def cell(robot: str, seed: int, folder: Path) -> dict[str, float]:
     """Value, best random value, evaluations and CPU seconds of one search, from its file if it was run."""
     path = folder / f"{robot}_{seed:04d}.json"
     if not path.exists():
-        found = searched(robot, seed)
+        result = searched(robot, seed)
         facts = {
-            name: float(getattr(found, name)) for name in ("value", "baseline", "evaluations", "seconds")
+            name: float(getattr(result, name)) for name in ("value", "baseline", "evaluations", "seconds")
         }
         folder.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text.dumps(facts).encode())
-    known: dict[str, float] = text.loads(path.read_bytes())
-    return known
+    stored: dict[str, float] = text.loads(path.read_bytes())
+    return stored
 
 
 def searched(robot: str, seed: int) -> Design:

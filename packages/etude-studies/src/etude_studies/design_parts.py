@@ -36,11 +36,11 @@ def run_of(arm: Arm, motion: Trajectory, seed: int, number: int) -> Run:
 
 def judged(arm: Arm, runs: list[Run], name: str, seed: int, tests: list[Trajectory]) -> Cell:
     """Error of each structure after those recordings, by name."""
-    found = {}
+    errors = {}
     for rung in arm.rungs:
         model = arm.learned(runs, rung, stream(seed, FIT))
-        found[f"{name} {rung}"] = arm.errors(model, tests, stream(seed, TEST, 1))
-    return found
+        errors[f"{name} {rung}"] = arm.errors(model, tests, stream(seed, TEST, 1))
+    return errors
 
 
 def chain(name: str, seed: int) -> Cell:
@@ -52,34 +52,34 @@ def chain(name: str, seed: int) -> Cell:
     duration, segment = config.trajectory.duration, family.duration
     count = round(duration / segment)
     again: Any = arm.having(duration=duration, omega0=family.omega0)
-    found: Cell = {}
+    errors: Cell = {}
     motions = {
         "repeated": again.random(stream(seed, MOTION), 1)[0],
         "random": arm.chained(arm.random(stream(seed, MOTION), count)),
         "designed": arm.designed(None, stream(seed, MOTION, 1), count),
     }
     for what, motion in motions.items():
-        found |= judged(arm, [run_of(arm, motion, seed, 1)], what, seed, tests)
-        found[f"{what} seconds"] = motion.duration
+        errors |= judged(arm, [run_of(arm, motion, seed, 1)], what, seed, tests)
+        errors[f"{what} seconds"] = motion.duration
     one = arm.chained(arm.random(stream(seed, MOTION), 1))
-    return found | judged(arm, [run_of(arm, one, seed, 1)], "one segment", seed, tests)
+    return errors | judged(arm, [run_of(arm, one, seed, 1)], "one segment", seed, tests)
 
 
 def first(name: str, seed: int) -> Cell:
     """A minute, random or designed from the limits."""
     arm = arm_of(name)
     tests = arm.tests(stream(seed, TEST))
-    found: Cell = {}
+    errors: Cell = {}
     for what, motion in _firsts(arm, seed).items():
-        found |= judged(arm, [run_of(arm, motion, seed, 1)], f"{what} 60 s", seed, tests)
-    return found
+        errors |= judged(arm, [run_of(arm, motion, seed, 1)], f"{what} 60 s", seed, tests)
+    return errors
 
 
 def later(name: str, seed: int) -> Cell:
     """Two and three minutes: random motions; or one from the limits, then those that its lessons call for."""
     arm = arm_of(name)
     tests = arm.tests(stream(seed, TEST))
-    found: Cell = {}
+    errors: Cell = {}
     for what, motion in _firsts(arm, seed).items():
         runs = [run_of(arm, motion, seed, 1)]
         for number in (2, 3):
@@ -90,8 +90,8 @@ def later(name: str, seed: int) -> Cell:
                 motion = arm.designed(model, stream(seed, MOTION, number + 1), 1)
             runs.append(run_of(arm, motion, seed, number))
             model = arm.learned(runs, "gp", stream(seed, FIT))
-            found[f"{what} {60 * number} s gp"] = arm.errors(model, tests, stream(seed, TEST, 1))
-    return found
+            errors[f"{what} {60 * number} s gp"] = arm.errors(model, tests, stream(seed, TEST, 1))
+    return errors
 
 
 def _firsts(arm: Arm, seed: int) -> dict[str, Trajectory]:
@@ -106,7 +106,7 @@ def oracle(name: str, seed: int) -> Cell:
     """Error of each of 20 random candidates as motion 1, 2 and 3; chosen and judged on different tests."""
     arm = arm_of(name)
     chosen_on, judged_on = arm.tests(stream(seed, TEST)), arm.tests(stream(seed, TEST, 9))
-    found: Cell = {}
+    figures: Cell = {}
     runs: list[Run] = []
     for number in (1, 2, 3):
         errors = []
@@ -114,18 +114,23 @@ def oracle(name: str, seed: int) -> Cell:
         for place, motion in enumerate(arm.random(stream(seed, MOTION, number), CANDIDATES)):
             tried.append(run_of(arm, motion, seed, 100 * number + place))
             model = arm.learned([*runs, tried[-1]], "gp", stream(seed, FIT))
-            errors.append([arm.errors(model, own, stream(seed, TEST, 1)) for own in (chosen_on, judged_on)])
+            errors.append(
+                [
+                    arm.errors(model, split_tests, stream(seed, TEST, 1))
+                    for split_tests in (chosen_on, judged_on)
+                ]
+            )
         table: Array = np.array(errors)
-        found[f"best {number}"] = float(table[np.argmin(table[:, 0]), 1])
-        found[f"worst {number}"] = float(table[np.argmax(table[:, 0]), 1])
-        found[f"mean {number}"] = float(table[:, 1].mean())
+        figures[f"best {number}"] = float(table[np.argmin(table[:, 0]), 1])
+        figures[f"worst {number}"] = float(table[np.argmax(table[:, 0]), 1])
+        figures[f"mean {number}"] = float(table[:, 1].mean())
         runs.append(tried[0])
-    return found
+    return figures
 
 
 def lengths(name: str, seed: int) -> Cell:
     """Error after each 30 s (or segment, if longer) of random and designed segments of several lengths."""
-    found: Cell = {}
+    errors: Cell = {}
     tests = arm_of(name).tests(stream(seed, TEST))
     for segment in LENGTHS:
         arm = arm_of(name).having(**one_period(segment))
@@ -143,10 +148,10 @@ def lengths(name: str, seed: int) -> Cell:
                 runs.append(run_of(arm, motion, seed, number))
                 seconds += step * segment
                 model = arm.learned(runs, "gp", stream(seed, FIT))
-                found[f"{what} {segment:g} s after {seconds:g}"] = arm.errors(
+                errors[f"{what} {segment:g} s after {seconds:g}"] = arm.errors(
                     model, tests, stream(seed, TEST, 1)
                 )
-    return found
+    return errors
 
 
 def tasks(name: str, seed: int) -> Cell:
@@ -154,7 +159,7 @@ def tasks(name: str, seed: int) -> Cell:
     arm = arm_of(name)
     task = pick_and_place(arm, stream(seed, TASK))
     generic = arm.tests(stream(seed, TEST))
-    found: Cell = {}
+    errors: Cell = {}
     for what in ("random", "without", "with", "itself"):
         runs: list[Run] = []
         for number in (0, 1):
@@ -166,12 +171,12 @@ def tasks(name: str, seed: int) -> Cell:
             elif what == "itself":
                 motion = task
             else:
-                given = [task] if what == "with" and model is not None else []
-                motion = arm.designed(model, stream(seed, MOTION, 50 + number), 1, given)
+                fixed_tasks = [task] if what == "with" and model is not None else []
+                motion = arm.designed(model, stream(seed, MOTION, 50 + number), 1, fixed_tasks)
             runs.append(run_of(arm, motion, seed, number))
             after = f"{what} {60 * (number + 1)} s"
-            found |= {f"{after} {on}": error for on, error in _on(arm, runs, seed, task, generic).items()}
-    return found
+            errors |= {f"{after} {on}": error for on, error in _on(arm, runs, seed, task, generic).items()}
+    return errors
 
 
 def _on(arm: Arm, runs: list[Run], seed: int, task: Trajectory, generic: list[Trajectory]) -> Cell:
@@ -180,8 +185,8 @@ def _on(arm: Arm, runs: list[Run], seed: int, task: Trajectory, generic: list[Tr
     try:
         model = arm.learned(runs, "gp", stream(seed, FIT))
     except DataError:
-        return {on: arm.tracked(None, own, stream(seed, TEST, 1)) for on, own in tests.items()}
-    return {on: arm.errors(model, own, stream(seed, TEST, 1)) for on, own in tests.items()}
+        return {on: arm.tracked(None, motions, stream(seed, TEST, 1)) for on, motions in tests.items()}
+    return {on: arm.errors(model, motions, stream(seed, TEST, 1)) for on, motions in tests.items()}
 
 
 def pick_and_place(arm: Arm, rng: np.random.Generator) -> PointToPoint:
@@ -190,11 +195,11 @@ def pick_and_place(arm: Arm, rng: np.random.Generator) -> PointToPoint:
     middle, half = 0.5 * (spec.upper + spec.lower), 0.5 * (spec.upper - spec.lower)
     pick, place = (middle + 0.7 * half * rng.uniform(-1.0, 1.0, spec.dof) for _ in range(2))
     above = [pose + 0.15 * half * rng.uniform(-1.0, 1.0, spec.dof) for pose in (pick, place)]
-    once = [above[0], pick, above[0], above[1], place, above[1]]
+    cycle = [above[0], pick, above[0], above[1], place, above[1]]
     speeds = 0.6 * spec.velocity, 0.6 * spec.acceleration
-    single = PointToPoint(np.array([*once, once[0]]), speeds[0], 0.4, speeds[1])
+    single = PointToPoint(np.array([*cycle, cycle[0]]), speeds[0], 0.4, speeds[1])
     times = max(1, round(60.0 / single.duration))
-    return PointToPoint(np.array([*(once * times), once[0]]), speeds[0], 0.4, speeds[1])
+    return PointToPoint(np.array([*(cycle * times), cycle[0]]), speeds[0], 0.4, speeds[1])
 
 
 PARTS: dict[str, tuple[Callable[[str, int], Cell], tuple[str, ...]]] = {

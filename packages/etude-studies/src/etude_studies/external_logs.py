@@ -65,8 +65,8 @@ def sarcos_samples(path: Path) -> tuple[World, Samples]:
 
 
 def _log(world: World, t: Array, values: Mapping[str, Array], source: str) -> Log:
-    known = {channel.name: channel for channel in world.kind.channels(world.spec)}
-    return Log(t, {name: known[name] for name in values}, values, source)
+    channels = {channel.name: channel for channel in world.kind.channels(world.spec)}
+    return Log(t, {name: channels[name] for name in values}, values, source)
 
 
 def _sarcos_arrays(path: Path) -> Mapping[str, Array]:

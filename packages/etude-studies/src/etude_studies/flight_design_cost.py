@@ -45,11 +45,11 @@ def design_rows(
     config = flights.world.config.design if config is None else config
     model, tasks = known_flights(flights, rng), flights.drawn(rng, INTENDED)
     place, rate = (flights.family, flights.limits, flights.home), flights.world.spec.rate
-    found = design(*place, model.inputs, model, config, rng, tasks, rate=rate)
+    result = design(*place, model.inputs, model, config, rng, tasks, rate=rate)
     exact, differences = _both_ways(flights, model, config, tasks, starts, rng)
     return [
-        Row("design_cpu_s", found.seconds, "s", "required at most", 3.0),
-        Row("design_value", found.value, "1", "best of the random flights", found.baseline),
+        Row("design_cpu_s", result.seconds, "s", "required at most", 3.0),
+        Row("design_value", result.value, "1", "best of the random flights", result.baseline),
         Row("design_gradient_speedup", differences[0] / exact[0], "1", "required at least", 4.0),
         Row("design_gradient_value", exact[1], "1", "finite differences", differences[1]),
     ]
@@ -77,8 +77,8 @@ def _both_ways(
         exact = design_objective(
             flights.family, model.inputs, model, config, tasks, tasks, **options
         ).objective
-        for way in (exact, Differenced(**vars(exact))):
+        for objective in (exact, Differenced(**vars(exact))):
             began = time.process_time()
-            ends = [refine(way, flights.feasible, point, config.steps) for point in points]
+            ends = [refine(objective, flights.feasible, point, config.steps) for point in points]
             results.append((time.process_time() - began, float(np.mean([end.value for end in ends]))))
     return results

@@ -78,24 +78,24 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     if seeds < 2:
         raise UsageError(f"an interval needs 2 seeds or more, not {seeds}")
     cells = [Cell(*setting, s) for setting in SETTINGS for s in range(seed, seed + seeds)]
-    found: dict[str, list[dict[str, float]]] = {}
+    errors_by_setting: dict[str, list[dict[str, float]]] = {}
     for done, (cell, errors) in enumerate(_run_all(cells, folder), start=1):
         _say(f"{done} of {len(cells)}: {cell.name}")
-        found.setdefault(cell.setting, []).append(errors)
-    rows = [row for setting, values in found.items() for row in loop_rows(setting, values)]
+        errors_by_setting.setdefault(cell.setting, []).append(errors)
+    rows = [row for setting, values in errors_by_setting.items() for row in loop_rows(setting, values)]
     if json:
         print(rows_json(rows, f"etude study quadrotor_loop --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
         table(rows, f"position error in the loop, {seeds} seeds from {seed}")
 
 
-def loop_rows(setting: str, found: list[dict[str, float]]) -> list[Row]:
+def loop_rows(setting: str, errors_of_seeds: list[dict[str, float]]) -> list[Row]:
     """Mean error of each variant over the seeds, with its interval, beside PID alone's in the same air."""
     rows = []
-    for variant in found[0]:
+    for variant in errors_of_seeds[0]:
         air = variant.split("/")[1]
-        reference = [errors[f"pid/{air}"] for errors in found]
-        values = [errors[variant] for errors in found]
+        reference = [errors[f"pid/{air}"] for errors in errors_of_seeds]
+        values = [errors[variant] for errors in errors_of_seeds]
         name = f"{setting}_{variant.replace('/', '_')}_m"
         rows += mean_rows(name, values, "m", "PID alone, same air", reference)
     return rows
@@ -138,7 +138,7 @@ def _controllers(
 ) -> Mapping[str, Controller | None]:
     """What there is without learning, and what the first so many flights teach."""
     world = flights.world
-    found = {
+    controllers = {
         "pid": None,
         "acceleration": FlightFeedforward(),
         **world.kind.baselines(world.spec, world.config),
@@ -148,12 +148,14 @@ def _controllers(
         model = world.learned(world.samples(*logs[:count]), world.config.model, rng).model
         process = model.of_structure("gp")
         rungs = {"": model, "_gp": process, "_residual": model.of_structure("identified+gp")}
-        for name, own in rungs.items():
-            found[f"learned{name}_{count}"] = world.kind.controller(world.spec, world.config, own)
+        for name, model_of_rung in rungs.items():
+            controllers[f"learned{name}_{count}"] = world.kind.controller(
+                world.spec, world.config, model_of_rung
+            )
         assert isinstance(model.inputs, QuadrotorInputs)
-        found[f"learned_drag_only_{count}"] = FlightFeedforward(drag=model.inputs.lateral)
-        found[f"gp_voltage_only_{count}"] = FlightFeedforward(voltages=GatedVoltages(process, nominal))
-    return found
+        controllers[f"learned_drag_only_{count}"] = FlightFeedforward(drag=model.inputs.lateral)
+        controllers[f"gp_voltage_only_{count}"] = FlightFeedforward(voltages=GatedVoltages(process, nominal))
+    return controllers
 
 
 def _run_all(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, dict[str, float]]]:

@@ -74,13 +74,13 @@ def _flown(campaign: Campaign, robot: Robot, manner: str) -> dict[str, Any]:
     seed, beside = campaign.state().seed, _beside(campaign)
     control = FEEDBACK if beside is None or manner == MANNERS[0] else LEARNED
     speed = HALF if manner == MANNERS[2] and beside is None else FULL
-    asked = etude.ask(campaign, control=control, speed=speed, go_on=True)
-    plan = from_json((asked.folder / "trajectory.json").read_bytes())
-    log = robot.run(plan, beside, np.random.default_rng([seed, asked.number, RUN_STREAM]))
-    path = campaign.path / f"{asked.number:04d}.parquet"
+    proposal = etude.ask(campaign, control=control, speed=speed, go_on=True)
+    plan = from_json((proposal.folder / "trajectory.json").read_bytes())
+    log = robot.run(plan, beside, np.random.default_rng([seed, proposal.number, RUN_STREAM]))
+    path = campaign.path / f"{proposal.number:04d}.parquet"
     write_log(path, log)
-    etude.tell(campaign, path, number=asked.number, control=control, accept=CERTAIN)
-    certificate = json.loads((asked.folder / "certificate.json").read_bytes())
+    etude.tell(campaign, path, number=proposal.number, control=control, accept=CERTAIN)
+    certificate = json.loads((proposal.folder / "certificate.json").read_bytes())
     return {**_away(log, plan, certificate["rows"]), **_size(plan), "errors": _tested(campaign, robot)}
 
 
@@ -89,16 +89,16 @@ def _beside(campaign: Campaign) -> Controller | None:
     if not campaign.state().trained:
         return None
     model: Any = newest_model(campaign, campaign.state())
-    found: Controller | None = campaign.kind.collecting(campaign.spec, campaign.config, model)  # type: ignore[attr-defined]
-    return found
+    controller: Controller | None = campaign.kind.collecting(campaign.spec, campaign.config, model)  # type: ignore[attr-defined]
+    return controller
 
 
 def _away(log: Log, plan: Trajectory, rows: Sequence[Facts]) -> dict[str, float]:
     """Largest distance from the plan along x, y or z, m, and in parts of the margin kept there."""
-    kept = np.array([row["tracking_margin"] for row in rows if row["quantity"] == "position"])
-    asked = plan.motion(np.clip(log.t, 0.0, plan.duration), 1).orders[0]
-    away: Array = np.abs(log["position"] - asked).max(axis=0)
-    return {"away": float(away.max()), "of margin": float((away / kept).max())}
+    margins = np.array([row["tracking_margin"] for row in rows if row["quantity"] == "position"])
+    planned = plan.motion(np.clip(log.t, 0.0, plan.duration), 1).orders[0]
+    away: Array = np.abs(log["position"] - planned).max(axis=0)
+    return {"away": float(away.max()), "of margin": float((away / margins).max())}
 
 
 def _size(plan: Trajectory) -> dict[str, float]:
@@ -112,30 +112,30 @@ def _tested(campaign: Campaign, robot: Any) -> dict[str, float]:
     """Mean distance from the plan by test, m, as `etude simulate` measures it."""
     model: Any = newest_model(campaign, campaign.state())
     controller = campaign.kind.controller(campaign.spec, campaign.config, model)
-    seed, found = campaign.state().seed, {}
+    seed, errors = campaign.state().seed, {}
     for place, (name, motion) in enumerate(test_motions(campaign).items()):
         rng = np.random.default_rng([seed, place, TEST_STREAM, TEST_STREAM])
-        found[name] = float(robot.error(robot.test(motion, controller, rng))[0][-1])
-    return found
+        errors[name] = float(robot.error(robot.test(motion, controller, rng))[0][-1])
+    return errors
 
 
 def summary(rows: Sequence[Facts]) -> str:
     """Two tables: what the flights did, and the errors after them over those of "one list"."""
     lines = [f"{'flights':<30}{'seeds':>6}{'beyond':>8}{'largest':>9}{'median m':>10}{'extent m':>10}"]
     for robot, manner in product(ROBOTS, MANNERS):
-        own = _of(rows, robot, manner)
-        for flight in range(_flights(own) if len(own) > 1 else 0):
+        selected = _of(rows, robot, manner)
+        for flight in range(_flights(selected) if len(selected) > 1 else 0):
             lines.append(
-                _line(f"{robot}, {manner}, {flight + 1}", [r["flights"][flight] for r in own.values()])
+                _line(f"{robot}, {manner}, {flight + 1}", [r["flights"][flight] for r in selected.values()])
             )
     for robot, manner in product(ROBOTS, MANNERS[1:]):
-        own, other = _of(rows, robot, manner), _of(rows, robot, MANNERS[0])
-        seeds = sorted(own.keys() & other.keys())
-        for flight in range(min(_flights(own), _flights(other)) if len(seeds) > 1 else 0):
+        selected, other = _of(rows, robot, manner), _of(rows, robot, MANNERS[0])
+        both, seeds = (selected, other), sorted(selected.keys() & other.keys())
+        for flight in range(min(_flights(selected), _flights(other)) if len(seeds) > 1 else 0):
             lines += [
                 f"{robot}, {manner} over one list, after {flight + 1}, {test}: "
-                f"{_ratio([[r[s]['flights'][flight]['errors'][test] for s in seeds] for r in (own, other)])}"
-                for test in own[seeds[0]]["flights"][flight]["errors"]
+                f"{_ratio([[r[s]['flights'][flight]['errors'][test] for s in seeds] for r in both])}"
+                for test in selected[seeds[0]]["flights"][flight]["errors"]
             ]
     return "\n".join(lines)
 
@@ -156,22 +156,22 @@ def _line(name: str, flights: Sequence[Facts]) -> str:
 
 
 def _ratio(pair: Sequence[Sequence[float]]) -> str:
-    found = paired(*pair)
-    means = [float(np.mean(own)) for own in pair]
+    ratio = paired(*pair)
+    means = [float(np.mean(errors)) for errors in pair]
     return (
-        f"{means[0]:.3f} m, {means[1]:.3f} m, ratio {found.ratio:.2f} ({found.low:.2f} .. {found.high:.2f}), "
-        f"{found.count} seeds"
+        f"{means[0]:.3f} m, {means[1]:.3f} m, ratio {ratio.ratio:.2f} ({ratio.low:.2f} .. {ratio.high:.2f}), "
+        f"{ratio.count} seeds"
     )
 
 
 def main(path: Path, first: int, seeds: int, flights: int = FLIGHTS) -> None:
     """Runs what FILE lacks, and prints the tables."""
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    known = {(row["robot"], row["onset"], row["seed"]) for row in done}
+    done_cases = {(row["robot"], row["onset"], row["seed"]) for row in done}
     cases = [Case(*one) for one in product(ROBOTS, MANNERS, range(first, first + seeds))]
     with path.open("a") as file:
         for case in cases:
-            if (case.robot, case.manner, case.seed) not in known:
+            if (case.robot, case.manner, case.seed) not in done_cases:
                 done.append({**vars(case), "flights": campaign_of(case, flights)})
                 file.write(json.dumps(done[-1]) + "\n")
                 file.flush()

@@ -73,9 +73,9 @@ def run(
     """
     if seeds < 2:
         raise UsageError(f"an interval needs 2 seeds or more, not {seeds}")
-    found = study_cells(range(seed, seed + seeds), folder, effort or Effort(), workers)
-    rows = [row for preset, cells in found.items() for row in order_rows(preset, cells)]
-    rows += verdict_rows(found)
+    cells_by_preset = study_cells(range(seed, seed + seeds), folder, effort or Effort(), workers)
+    rows = [row for preset, cells in cells_by_preset.items() for row in order_rows(preset, cells)]
+    rows += verdict_rows(cells_by_preset)
     if json:
         print(rows_json(rows, f"etude study quadrotor --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
@@ -86,21 +86,23 @@ def study_cells(
     seeds: range, folder: Path, effort: Effort, workers: int | None = None
 ) -> dict[str, list[dict[str, Any]]]:
     """The figures of every seed by preset, in the order of the seeds; computed where no file has them."""
-    cells = [Cell(preset, own) for own in seeds for preset in PRESETS]
-    kept = [cell.seed for cell in cells if cell.designs]
-    if kept:
-        raise UsageError(f"seed {kept[0]} is kept for the extreme tests", next_step="Choose smaller seeds.")
-    sources = [Cell(preset, own) for preset in PRESETS for own in EXTREME_SEEDS]
+    cells = [Cell(preset, flight_seed) for flight_seed in seeds for preset in PRESETS]
+    reserved = [cell.seed for cell in cells if cell.designs]
+    if reserved:
+        raise UsageError(
+            f"seed {reserved[0]} is kept for the extreme tests", next_step="Choose smaller seeds."
+        )
+    sources = [Cell(preset, flight_seed) for preset in PRESETS for flight_seed in EXTREME_SEEDS]
     extremes: dict[str, dict[str, list[Array]]] = {p: {name: [] for name in EXTREME} for p in PRESETS}
-    found: dict[str, list[dict[str, Any]]] = {preset: [] for preset in PRESETS}
+    cells_by_preset: dict[str, list[dict[str, Any]]] = {preset: [] for preset in PRESETS}
     designed = partial(extreme_cell, folder=folder, effort=effort)
     for cell, figures in _each(designed, sources, workers):
         for criterion, flights in figures["flights"].items():
-            extremes[cell.preset][criterion] += [np.array(own) for own in flights]
+            extremes[cell.preset][criterion] += [np.array(parameters) for parameters in flights]
     work = partial(ordinary_cell, folder=folder, effort=effort, extremes=extremes)
     for cell, figures in _each(work, cells, workers):
-        found[cell.preset].append(figures)
-    return found
+        cells_by_preset[cell.preset].append(figures)
+    return cells_by_preset
 
 
 def _each(
@@ -115,37 +117,37 @@ def ordinary_cell(
     cell: Cell, folder: Path, effort: Effort, extremes: Mapping[str, Mapping[str, list[Array]]]
 ) -> dict[str, Any]:
     """The figures of a cell, from its file if it is there."""
-    own = extremes[cell.preset]
-    return _kept(cell, folder, effort, lambda: cell_measures(cell.preset, cell.seed, own, effort))
+    tests = extremes[cell.preset]
+    return _cached(cell, folder, effort, lambda: cell_measures(cell.preset, cell.seed, tests, effort))
 
 
 def extreme_cell(cell: Cell, folder: Path, effort: Effort) -> dict[str, Any]:
     """Designed flights of a seed that no other cell has, by criterion; from its file if it is there."""
-    return _kept(cell, folder, effort, lambda: designed_flights(cell, effort))
+    return _cached(cell, folder, effort, lambda: designed_flights(cell, effort))
 
 
 def designed_flights(cell: Cell, effort: Effort, flights: int = EXTREME_FLIGHTS) -> dict[str, Any]:
     """`flights[criterion]`: parameters of all flights after the first; `cpu_s`."""
     began, world = time.process_time(), World.of(cell.preset, effort.points)
     first = first_round(world, cell.seed, every_kind=False)
-    found = {}
+    designed = {}
     for criterion in EXTREME:
         *_, last = rounds(world, cell.seed, criterion, first, flights, effort, every_kind=False)
-        found[criterion] = [parameters.tolist() for parameters in last.parameters[1:]]
-    return {"flights": found, "cpu_s": time.process_time() - began}
+        designed[criterion] = [parameters.tolist() for parameters in last.parameters[1:]]
+    return {"flights": designed, "cpu_s": time.process_time() - began}
 
 
-def _kept(cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def _cached(cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """What the cell's file says, if the same settings made it; else what `work` finds, written there."""
     path = folder / f"{cell.name}.json"
     campaign = asdict(preset_config(KIND, PRESETS[cell.preset].campaign))
-    asked = json_module.loads(json_module.dumps([asdict(effort), asdict(PRESETS[cell.preset]), campaign]))
+    settings = json_module.loads(json_module.dumps([asdict(effort), asdict(PRESETS[cell.preset]), campaign]))
     if path.exists():
-        known: dict[str, Any] = json_module.loads(path.read_text(encoding="utf-8"))
-        if known["settings"] == asked:
-            return known
+        stored: dict[str, Any] = json_module.loads(path.read_text(encoding="utf-8"))
+        if stored["settings"] == settings:
+            return stored
     with threads_for(0):
-        figures = {"preset": cell.preset, "seed": cell.seed, "settings": asked, **work()}
+        figures = {"preset": cell.preset, "seed": cell.seed, "settings": settings, **work()}
     write_atomic(path, json_module.dumps(figures, allow_nan=False).encode())
     return figures
 

@@ -151,7 +151,9 @@ def flown_tests(
         "boundary": flights.drawn(rng, effort.tests["boundary"], "boundary"),
         "extremes": designed,
     }
-    return {name: flights.world.samples(*flights.flown(own, rng)) for name, own in chosen.items()}
+    return {
+        name: flights.world.samples(*flights.flown(parameters, rng)) for name, parameters in chosen.items()
+    }
 
 
 def some_extremes(

@@ -56,9 +56,9 @@ class Judge:
     @classmethod
     def of(cls, world: World, intended: Sequence[Trajectory], first: Round) -> Judge:
         inputs = world.judging(first.process.inputs)
-        own, units = known_by(first.process)
+        posterior, units = known_by(first.process)
         (X,) = reference_states(inputs, [tuple(range(len(units)))], REFERENCE_STATES, intended)
-        process = ExactGP(own.kernel, own.theta, 0.5 * float(np.log(own.noise_variance)))
+        process = ExactGP(posterior.kernel, posterior.theta, 0.5 * float(np.log(posterior.noise_variance)))
         return cls(X, process, float(units.mean()))
 
     def measures(self, last: Round, tests: Mapping[str, Samples]) -> dict[str, Any]:

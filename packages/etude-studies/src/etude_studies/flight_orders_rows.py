@@ -60,8 +60,8 @@ def compare(
 ) -> Paired:
     """How many times lower a figure of an arm's model, by default its process, is than the baseline's."""
     count = last_count(cells) if count is None else count
-    own, other = (figures(cells, name, count, test, figure, kind) for name in (arm, baseline))
-    return paired(other, own)
+    design, other = (figures(cells, name, count, test, figure, kind) for name in (arm, baseline))
+    return paired(other, design)
 
 
 def compare_deviation(cells: Cells, arm: str, name: str = "sd", count: int | None = None) -> Paired:
@@ -79,11 +79,11 @@ def order_rows(preset: str, cells: Cells) -> list[Row]:
     return rows + mean_rows(f"{preset}_cpu_s", [cell["cpu_s"] for cell in cells], "s", "of one seed", [])
 
 
-def ratio_rows(metric: str, found: Paired, against: str) -> list[Row]:
+def ratio_rows(metric: str, ratio: Paired, against: str) -> list[Row]:
     """A ratio and the ends of its interval."""
-    rows = [Row(metric, found.ratio, "1", f"{against}, {found.words}", 1.0)]
-    if found.count > 1:
-        rows += [Row(f"{metric}_low", found.low, "1"), Row(f"{metric}_high", found.high, "1")]
+    rows = [Row(metric, ratio.ratio, "1", f"{against}, {ratio.words}", 1.0)]
+    if ratio.count > 1:
+        rows += [Row(f"{metric}_low", ratio.low, "1"), Row(f"{metric}_high", ratio.high, "1")]
     return rows
 
 
@@ -102,9 +102,9 @@ def _levels(preset: str, cells: Cells, arm: str) -> list[Row]:
         late = figures(cells, arm, last, test, "mae_after")
         rows += mean_rows(f"{preset}_{arm}_{last}_mae_after_{test}", late, "V", "after 5 s", [])
         for kind in KINDS[1:]:
-            own = figures(cells, arm, last, test, "mae", kind)
+            errors = figures(cells, arm, last, test, "mae", kind)
             process = figures(cells, arm, last, test)
-            rows += mean_rows(f"{preset}_{arm}_{last}_mae_{kind}_{test}", own, "V", "gp", process)
+            rows += mean_rows(f"{preset}_{arm}_{last}_mae_{kind}_{test}", errors, "V", "gp", process)
         for kind in ("gp", "ladder"):
             rows += _calibration(f"{preset}_{arm}_{last}", cells, (arm, last, test), kind)
     speeds = [float(np.mean(cell["speed"][arm][1:])) for cell in cells]
@@ -119,26 +119,26 @@ def _calibration(name: str, cells: Cells, place: tuple[str, int, str], kind: str
         "nlpd_t": ("nat", "", []),
     }
     rows = []
-    for figure, (unit, words, aim) in aims.items():
+    for figure, (unit, label, aim) in aims.items():
         metric = f"{name}_{figure}_{kind}_{place[2]}"
         values = [v for v in figures(cells, *place, figure, kind) if math.isfinite(v)]
-        rows += mean_rows(metric, values, unit, words, aim)
+        rows += mean_rows(metric, values, unit, label, aim)
     return rows
 
 
 def _ratios(preset: str, cells: Cells, arm: str) -> list[Row]:
     """One criterion against every baseline on every test set, and its predicted deviation."""
     rows = []
-    for baseline in (own for own in BASELINES if own in arms_of(cells)):
+    for baseline in (option for option in BASELINES if option in arms_of(cells)):
         name = f"{preset}_{arm}_vs_{'random' if baseline == RANDOM else baseline}"
         for figure in ("mae", "mae_after"):
             for test in TESTS:
-                found = compare(cells, arm, baseline, test, figure=figure)
-                rows += ratio_rows(f"{name}_{figure}_{test}", found, f"{baseline} random over it")
+                ratio = compare(cells, arm, baseline, test, figure=figure)
+                rows += ratio_rows(f"{name}_{figure}_{test}", ratio, f"{baseline} random over it")
     for test in TESTS:
-        found = compare(cells, arm, RANDOM, test, kind="ladder")
-        rows += ratio_rows(f"{preset}_{arm}_vs_random_mae_ladder_{test}", found, "uniform random over it")
+        ratio = compare(cells, arm, RANDOM, test, kind="ladder")
+        rows += ratio_rows(f"{preset}_{arm}_vs_random_mae_ladder_{test}", ratio, "uniform random over it")
     for name in DEVIATIONS:
-        found = compare_deviation(cells, arm, name)
-        rows += ratio_rows(f"{preset}_{arm}_vs_random_{name}", found, "uniform random over it")
+        ratio = compare_deviation(cells, arm, name)
+        rows += ratio_rows(f"{preset}_{arm}_vs_random_{name}", ratio, "uniform random over it")
     return rows

@@ -53,9 +53,9 @@ class Flights:
     @cached_property
     def robot(self) -> SimulatedFlights:
         """What flies."""
-        found = self.world.robot
-        assert isinstance(found, SimulatedFlights)
-        return replace(found, vehicle=replace(found.vehicle, noise=self.noise))
+        simulated = self.world.robot
+        assert isinstance(simulated, SimulatedFlights)
+        return replace(simulated, vehicle=replace(simulated.vehicle, noise=self.noise))
 
     @cached_property
     def family(self) -> Family:
@@ -86,10 +86,10 @@ class Flights:
 
 def models_by_rung(selection: ModelSelection) -> dict[str, LearnedModel]:
     """A model of each structure for all commands, with the tails of its own held-out errors."""
-    found = {}
+    models = {}
     for rung in selection.model.structures:
         model, held = selection.model.of_structure(rung), selection.held_out[rung]
         ratio = held.error / np.sqrt(held.variance)
         student = None if model.student is None else fit_student(ratio[np.isfinite(ratio)])
-        found[rung] = replace(model, student=student)
-    return found
+        models[rung] = replace(model, student=student)
+    return models

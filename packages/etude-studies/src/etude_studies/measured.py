@@ -44,7 +44,7 @@ def schema() -> pl.Schema:
     return pl.Schema({"k": pl.Int32, **texts, "value": pl.Float32})
 
 
-def measured_table(found: object, source: str) -> pl.DataFrame:
+def measured_table(measurements: object, source: str) -> pl.DataFrame:
     """Measurements as a table of `schema()`, sorted.
 
     Raises:
@@ -52,9 +52,13 @@ def measured_table(found: object, source: str) -> pl.DataFrame:
     """
     import polars as pl
 
-    rows = [_checked(own, source) for own in found] if isinstance(found, Iterable) else []
+    rows = (
+        [_checked(measurement, source) for measurement in measurements]
+        if isinstance(measurements, Iterable)
+        else []
+    )
     if not rows:
-        raise _refused(f"it returned {type(found).__name__} with nothing measured in it", source)
+        raise _refused(f"it returned {type(measurements).__name__} with nothing measured in it", source)
     table = pl.DataFrame(rows, schema={**schema(), "value": pl.Float64}, orient="row").cast(schema())
     twice = table.filter(table.select(KEYS).is_duplicated())
     if len(twice):
@@ -62,14 +66,14 @@ def measured_table(found: object, source: str) -> pl.DataFrame:
     return table.sort(KEYS)
 
 
-def _checked(own: Any, source: str) -> tuple[Any, ...]:
+def _checked(measurement: Any, source: str) -> tuple[Any, ...]:
     try:
-        k, *texts, value = own
+        k, *texts, value = measurement
         if len(texts) == 4 and all(isinstance(text, str) for text in texts):
             return index(k), *texts, float(value)
     except (TypeError, ValueError):
         pass
-    raise _refused(f"it returned {own!r}, which is no measurement", source)
+    raise _refused(f"it returned {measurement!r}, which is no measurement", source)
 
 
 def _refused(fact: str, source: str) -> DataError:

@@ -33,13 +33,13 @@ def compare(
         UsageError: a margin of 1 or less.
     """
     claims = tuple(_claim(place, a, b, claim, margin) for place, (a, b) in enumerate(pairs.values()))
-    own = {
+    samples = {
         f"{place}{side}": one
         for place, both in enumerate(pairs.values())
         for side, one in zip("ab", both, strict=True)
     }
-    found = judge(Ledger(claims, (), ()), _Given(own))
-    return {name: found[str(place)].parts[0] for place, name in enumerate(pairs)}
+    verdicts = judge(Ledger(claims, (), ()), _Given(samples))
+    return {name: verdicts[str(place)].parts[0] for place, name in enumerate(pairs)}
 
 
 def compared_rows(entry: Entry, values: Values) -> dict[str, PartVerdict]:
@@ -49,15 +49,15 @@ def compared_rows(entry: Entry, values: Values) -> dict[str, PartVerdict]:
     without rows that have not been run.
     """
     column = "mean" if "mean" in entry.columns else entry.columns[0]
-    own = {
+    figures_by_run = {
         row.run: values.values(row.run, entry.measure, (row.at or entry.at)[-1], entry.test, column)
         for row in entry.rows
     }
-    base = own.pop(entry.against, {})
-    both = {run: sorted({*figures} & {*base}) for run, figures in own.items()}
+    base = figures_by_run.pop(entry.against, {})
+    both = {run: sorted({*figures} & {*base}) for run, figures in figures_by_run.items()}
     return compare(
         {
-            run: ({seed: own[run][seed] for seed in seeds}, {seed: base[seed] for seed in seeds})
+            run: ({seed: figures_by_run[run][seed] for seed in seeds}, {seed: base[seed] for seed in seeds})
             for run, seeds in both.items()
             if seeds
         }

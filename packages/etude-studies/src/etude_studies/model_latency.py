@@ -49,9 +49,9 @@ def _predict_row(metric: str, processes: Sequence[ExactGP], inputs: int, rng: np
     posteriors = [
         gp.condition(rng.normal(size=(POINTS, inputs)), rng.normal(size=POINTS)) for gp in processes
     ]
-    mean, asked = PointMean(posteriors), rng.normal(size=(REPEATS, inputs))
-    mean(asked[0])  # compiles
-    value = _median_us(lambda i: mean(asked[i]))
+    mean, queries = PointMean(posteriors), rng.normal(size=(REPEATS, inputs))
+    mean(queries[0])  # compiles
+    value = _median_us(lambda i: mean(queries[i]))
     named = f"aim; {OUTPUTS} outputs of {inputs} inputs, n = {POINTS}"
     return Row(metric, value, "us", named, AIM_PREDICT_US)
 

@@ -121,8 +121,8 @@ def _kernel(X: Array) -> SquaredExponential:
 def _exact_gp(X: Array, y: Array, floor: float) -> ExactGP:
     """The exact process, its hyperparameters from evenly spread samples."""
     start = initial_gp(_kernel(X), X, y, noise_floor=floor)
-    kept = DownsampledGP(start, every=None, count=KEPT).keep(len(y))
-    return fit(start, X[kept], y[kept], steps=STEPS)
+    selected = DownsampledGP(start, every=None, count=KEPT).keep(len(y))
+    return fit(start, X[selected], y[selected], steps=STEPS)
 
 
 def _dictionary(X: Array, y: Array, floor: float, rule: Literal["variance", "error"]) -> Predicts:

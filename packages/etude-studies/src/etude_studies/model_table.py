@@ -38,24 +38,24 @@ FIGURES = {
 
 def show(rows: Sequence[Row], title: str) -> None:
     """Print one table of the models, a row for each, and one of all other rows."""
-    found = {row.metric: row.value for row in rows}
+    values = {row.metric: row.value for row in rows}
     models = [name for row in rows if (name := _model_of(row.metric))]
-    own = {
+    metrics = {
         name + end
         for model in models
         for name in (figure.metric.format(model) for figure in FIGURES.values())
         for end in ("", "_ci95")
     }
     if models:
-        _print(found, models, title)
-    rest = [row for row in rows if row.metric not in own]
-    if rest:
-        table(rest, title)
+        _print(values, models, title)
+    others = [row for row in rows if row.metric not in metrics]
+    if others:
+        table(others, title)
 
 
-def cells(found: dict[str, float], model: str) -> list[str]:
+def cells(values: dict[str, float], model: str) -> list[str]:
     """The model's figures in the order of `FIGURES`; a dash for what was not measured."""
-    return [_cell(found, figure, model) for figure in FIGURES.values()]
+    return [_cell(values, figure, model) for figure in FIGURES.values()]
 
 
 def _model_of(metric: str) -> str | None:
@@ -65,16 +65,16 @@ def _model_of(metric: str) -> str | None:
     return match[1] if match else None
 
 
-def _cell(found: dict[str, float], figure: Figure, model: str) -> str:
+def _cell(values: dict[str, float], figure: Figure, model: str) -> str:
     metric = figure.metric.format(model)
-    value, half = found.get(metric, float("nan")), found.get(f"{metric}_ci95")
+    value, half = values.get(metric, float("nan")), values.get(f"{metric}_ci95")
     if value != value:
         return "–"
     shown = f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
     return f"{shown} ±{half:.2g}" if figure.interval and half is not None else shown
 
 
-def _print(found: dict[str, float], models: Sequence[str], title: str) -> None:
+def _print(values: dict[str, float], models: Sequence[str], title: str) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -85,5 +85,5 @@ def _print(found: dict[str, float], models: Sequence[str], title: str) -> None:
     for figure in FIGURES.values():
         shown.add_column(figure.heading.replace(", ", ",\n"), justify="right", no_wrap=True)
     for model in models:
-        shown.add_row(model, *(cell.replace(" ±", "\n±") for cell in cells(found, model)))
+        shown.add_row(model, *(cell.replace(" ±", "\n±") for cell in cells(values, model)))
     Console().print(shown)

@@ -56,8 +56,8 @@ def cell(joints: int, seed: int, folder: Path) -> dict[str, float]:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text.dumps(measured(two_arms(joints), seed)).encode())
-    known: dict[str, float] = text.loads(path.read_bytes())
-    return known
+    stored: dict[str, float] = text.loads(path.read_bytes())
+    return stored
 
 
 def measured(world: World, seed: int) -> dict[str, float]:
@@ -71,10 +71,10 @@ def measured(world: World, seed: int) -> dict[str, float]:
     began = time.process_time()
     selection = world.learned(samples, world.config.model, rng)
     training_cpu = time.process_time() - began
-    found = designed(world, selection, seed)
+    proposal = designed(world, selection, seed)
     return {
         "training_cpu": training_cpu,
-        "design_cpu": float(found.seconds),
+        "design_cpu": float(proposal.seconds),
         "run_cpu": run_cpu,
         **errors(world, selection, seed),
     }

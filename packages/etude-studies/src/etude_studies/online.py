@@ -98,8 +98,8 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
         raise UsageError(f"an interval needs 2 seeds or more, not {seeds}")
     cells = [Cell(*place, s) for place in PLACES for s in range(seed, seed + seeds)]
     outcomes = {}
-    for done, (cell, found) in enumerate(_run_all(cells, folder), start=1):
-        outcomes[cell] = found
+    for done, (cell, cell_outcomes) in enumerate(_run_all(cells, folder), start=1):
+        outcomes[cell] = cell_outcomes
         _say(f"{done} of {len(cells)} cells: {cell.path(folder).stem}")
     rows = study_rows(outcomes)
     if json:
@@ -123,10 +123,10 @@ def run_cell(cell: Cell, folder: Path) -> dict[str, Outcome]:
     path = cell.path(folder)
     if path.exists():
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Outcome])
-    found = outcomes_of(cell, PLACES[cell.robot, cell.change])
+    cell_outcomes = outcomes_of(cell, PLACES[cell.robot, cell.change])
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, msgspec.json.encode(found))
-    return found
+    write_atomic(path, msgspec.json.encode(cell_outcomes))
+    return cell_outcomes
 
 
 def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, Outcome]:
@@ -134,11 +134,11 @@ def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, 
     world = World.of(cell.robot)
     rng = np.random.default_rng([cell.seed, 0])
     model, logs = start_model(world, rng)
-    known = feedback(world, logs)
+    feedback_law = feedback(world, logs)
     motion = world.motion(rng, harmonics=2, **one_period(PASS_S))
     change = {CHANGE_S: world.robot.changed(**CHANGES[cell.change])}
     return {
-        name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change, known))
+        name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change, feedback_law))
         for name, config in rules.items()
     }
 
@@ -165,19 +165,19 @@ def run_rule(
     config: OnlineConfig | None,
     seed: int,
     changes: Mapping[float, Robot],
-    known: Feedback | None = None,
+    feedback_law: Feedback | None = None,
 ) -> OnlineRun:
     """All passes under one rule; the same seed gives every rule the same encoder noise.
 
-    `known` is the robot's feedback, by which the guard judges; without it past samples alone judge.
+    `feedback_law` is the robot's feedback, by which the guard judges; without it past samples alone judge.
     """
     frozen = world.kind.controller(world.spec, world.config, model)
     watched = None
     if config is not None:
         channels, limits = world.kind.channels(world.spec), world.command_limits
-        own = np.random.default_rng([seed, 1])
+        generator = np.random.default_rng([seed, 1])
         rate = world.spec.rate
-        watched = Watched(OnlineModel(model, channels, frozen, limits, config, rate, own, known))
+        watched = Watched(OnlineModel(model, channels, frozen, limits, config, rate, generator, feedback_law))
     robot: Any = world.robot
     noise = np.random.default_rng([seed, 2])
     with threads_for(0):
@@ -203,11 +203,15 @@ def study_rows(outcomes: dict[Cell, dict[str, Outcome]]) -> list[Row]:
     """`<robot>_<change>_<rule>_pass<k>` beside the same pass without updates; paired gains; latencies."""
     rows = []
     for robot, change in PLACES:
-        found = [own for cell, own in outcomes.items() if (cell.robot, cell.change) == (robot, change)]
-        for rule in PLACES[robot, change] if found else ():
+        selected = [
+            cell_outcomes
+            for cell, cell_outcomes in outcomes.items()
+            if (cell.robot, cell.change) == (robot, change)
+        ]
+        for rule in PLACES[robot, change] if selected else ():
             name = f"{robot}_{change}_{rule}"
             for k in range(PASSES):
-                without, errors = (_means(found, r, k) for r in ("none", rule))
+                without, errors = (_means(selected, r, k) for r in ("none", rule))
                 rows += mean_rows(f"{name}_pass{k + 1}", errors, "deg", "without updates", without)
             gains = [a - b for a, b in zip(without, errors, strict=True)]
             if rule != "none":
@@ -215,17 +219,17 @@ def study_rows(outcomes: dict[Cell, dict[str, Outcome]]) -> list[Row]:
     return rows + _latency_rows(outcomes)
 
 
-def _means(found: list[dict[str, Outcome]], rule: str, k: int) -> list[float]:
+def _means(outcomes: list[dict[str, Outcome]], rule: str, k: int) -> list[float]:
     """Mean over the joints in pass k, one value per seed."""
-    return [float(np.mean(own[rule].errors[k])) for own in found]
+    return [float(np.mean(by_rule[rule].errors[k])) for by_rule in outcomes]
 
 
 def _latency_rows(outcomes: dict[Cell, dict[str, Outcome]]) -> list[Row]:
     """Medians over the cells of each tick's median and 99th percentile."""
     rows = []
     for rule in RULES:
-        own = [found[rule] for found in outcomes.values() if rule != "none" and rule in found]
-        for figure in ("predict_us", "update_us") if own else ():
-            median, high = np.median([getattr(outcome, figure) for outcome in own], axis=0)
+        selected = [by_rule[rule] for by_rule in outcomes.values() if rule != "none" and rule in by_rule]
+        for figure in ("predict_us", "update_us") if selected else ():
+            median, high = np.median([getattr(outcome, figure) for outcome in selected], axis=0)
             rows.append(Row(f"{figure}_{rule}", float(median), "us", "99th percentile", float(high)))
     return rows

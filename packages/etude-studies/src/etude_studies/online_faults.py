@@ -57,7 +57,7 @@ PLACES = (
 )
 
 
-class Found(msgspec.Struct, frozen=True):
+class FaultResult(msgspec.Struct, frozen=True):
     """One fault.
 
     Attributes:
@@ -105,20 +105,20 @@ class Stage:
     def run(self, fault: Fault, *, learning: bool) -> Log:
         """One run under a fault; the noise is the same in every run of a cell."""
         robot: Any = self.world.robot
-        own: Controller = self.frozen
+        controller: Controller = self.frozen
         if learning:
             self.online.restore(self.warm)
             self.online.reports.clear()
-            own = self.online
-        wire = FaultyWire(own, fault, self.world.kind.path, self.world.kind.limit(self.world.spec))
+            controller = self.online
+        wire = FaultyWire(controller, fault, self.world.kind.path, self.world.kind.limit(self.world.spec))
         changes = {}
         if fault.kind in ("payload", "friction"):
             changes = {fault.onset: robot.changed(**change(fault))}
             changes |= {fault.end: robot} if fault.end < LENGTH_S else {}
         noise = np.random.default_rng([self.seed, 3])
         with threads_for(0):
-            found: Log = robot.run(Shortened(self.motion, LENGTH_S), wire, noise, changes=changes)
-        return found
+            log: Log = robot.run(Shortened(self.motion, LENGTH_S), wire, noise, changes=changes)
+        return log
 
 
 @cache
@@ -159,12 +159,12 @@ def stage(place: Place, seed: int) -> Stage:
 def errors(log: Log) -> Array:
     """(T,) |wanted - true| at t >= 0, mean over the axes."""
     path = "q_true" if "q_true" in log else "position"
-    wanted = log["q_des" if path == "q_true" else "position_des"]
-    found: Array = np.abs(wanted - log[path])[log.t >= 0.0].mean(axis=1)
-    return found
+    desired = log["q_des" if path == "q_true" else "position_des"]
+    distance: Array = np.abs(desired - log[path])[log.t >= 0.0].mean(axis=1)
+    return distance
 
 
-def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> Found:
+def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> FaultResult:
     """Figures of a pair of runs."""
     a, b = errors(frozen), errors(learned)
     rate = len(a) / LENGTH_S
@@ -174,7 +174,7 @@ def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> Fou
     window = max(b[k : k + width].mean() / a[k : k + width].mean() for k in starts)
     last = slice(len(a) - round(LAST_S * rate), None)
     done = fault.end <= LENGTH_S - RECOVERY_S
-    return Found(
+    return FaultResult(
         asdict(fault) | {"end": min(fault.end, 1e9)},
         float(a[first:].mean()),
         float(b[first:].mean()),
@@ -197,9 +197,9 @@ def faults_of(place: Place, seed: int, kinds: Sequence[str] = KINDS) -> Iterator
                 yield f"{kind}_{draw}", fault
 
 
-def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS) -> dict[str, Found]:
+def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS) -> dict[str, FaultResult]:
     """All faults of a cell, from their files where they were run."""
-    found: dict[str, Found] = {}
+    results: dict[str, FaultResult] = {}
     ready: Stage | None = None
     alone: Log | None = None
     for name, fault in faults_of(place, seed, kinds):
@@ -212,11 +212,11 @@ def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS
             else:
                 frozen = alone
             learned = ready.run(fault, learning=True)
-            said = [sentence for _, sentence in ready.online.reports]
+            sentences = [sentence for _, sentence in ready.online.reports]
             folder.mkdir(parents=True, exist_ok=True)
-            write_atomic(path, msgspec.json.encode(compared(fault, frozen, learned, said)))
-        found[name] = msgspec.json.decode(path.read_bytes(), type=Found)
-    return found
+            write_atomic(path, msgspec.json.encode(compared(fault, frozen, learned, sentences)))
+        results[name] = msgspec.json.decode(path.read_bytes(), type=FaultResult)
+    return results
 
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
@@ -225,29 +225,31 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
         raise UsageError(f"{seeds} seeds", next_step="Give one or more.")
     from rich.console import Console
 
-    found: list[tuple[str, str, Found]] = []
-    for own in range(seed, seed + seeds):
+    results: list[tuple[str, str, FaultResult]] = []
+    for cell_seed in range(seed, seed + seeds):
         for place in PLACES:
-            if own - seed >= place.most:
+            if cell_seed - seed >= place.most:
                 continue
-            cell = run_cell(place, own, folder)
-            found += [(place.name, name, one) for name, one in cell.items()]
+            cell = run_cell(place, cell_seed, folder)
+            results += [(place.name, name, one) for name, one in cell.items()]
             worst = max(one.ratio for one in cell.values())
-            Console(stderr=True).print(f"{place.name}, seed {own}: worst ratio {worst:.2f}", highlight=False)
-    rows = study_rows(found)
+            Console(stderr=True).print(
+                f"{place.name}, seed {cell_seed}: worst ratio {worst:.2f}", highlight=False
+            )
+    rows = study_rows(results)
     if json:
         print(rows_json(rows, f"etude study online_faults --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
         table(rows, f"learning through faults, {seeds} seeds from {seed}")
 
 
-def study_rows(found: Sequence[tuple[str, str, Found]]) -> list[Row]:
+def study_rows(results: Sequence[tuple[str, str, FaultResult]]) -> list[Row]:
     """Worst and median ratios by kind of fault, by robot and of all."""
-    clean = [one for _, name, one in found if name == CLEAN]
-    faulty = [(robot, name.rpartition("_")[0], one) for robot, name, one in found if name != CLEAN]
+    clean = [one for _, name, one in results if name == CLEAN]
+    faulty = [(robot, name.rpartition("_")[0], one) for robot, name, one in results if name != CLEAN]
     rows = _ratios("clean", clean)
     for kind in KINDS:
-        rows += _ratios(kind, [one for _, own, one in faulty if own == kind])
+        rows += _ratios(kind, [one for _, fault_kind, one in faulty if fault_kind == kind])
     for place in PLACES:
         rows += _ratios(f"robot_{place.name}", [one for robot, _, one in faulty if robot == place.name])
     every = [one for *_, one in faulty]
@@ -260,15 +262,15 @@ def study_rows(found: Sequence[tuple[str, str, Found]]) -> list[Row]:
     return rows
 
 
-def _ratios(name: str, found: Sequence[Found]) -> list[Row]:
-    if not found:
+def _ratios(name: str, results: Sequence[FaultResult]) -> list[Row]:
+    if not results:
         return []
-    ratios = [one.ratio for one in found]
-    back = [one.recovered for one in found if one.recovered is not None]
+    ratios = [one.ratio for one in results]
+    back = [one.recovered for one in results if one.recovered is not None]
     rows = [
         Row(f"{name}_ratio_worst", max(ratios), "1", "runs", float(len(ratios))),
         Row(f"{name}_ratio_median", float(np.median(ratios)), "1"),
-        Row(f"{name}_window_worst", max(one.window for one in found), "1"),
+        Row(f"{name}_window_worst", max(one.window for one in results), "1"),
     ]
     return rows + ([Row(f"{name}_recovered_worst", max(back), "1", "runs", float(len(back)))] if back else [])
 

@@ -20,14 +20,16 @@ def online_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:
     """
     rules = {name: config for name, config in RULES.items() if not quick or name in QUICK_RULES}
     seeds = rng.integers(2**31, size=QUICK_SEEDS if quick else SEEDS).tolist()
-    found = [outcomes_of(Cell(ROBOT, "same", seed), rules) for seed in seeds]
-    without = [_third_pass(own["none"]) for own in found]
+    outcomes = [outcomes_of(Cell(ROBOT, "same", seed), rules) for seed in seeds]
+    without = [_third_pass(by_rule["none"]) for by_rule in outcomes]
     rows = []
     for rule in rules:
         if rule != "none":
             name = "online_pass3_deg" if rule == "variance" else f"online_pass3_{rule}_deg"
             named = f"without updates, {len(seeds)} seeds"
-            rows += mean_rows(name, [_third_pass(own[rule]) for own in found], "deg", named, without)
+            rows += mean_rows(
+                name, [_third_pass(by_rule[rule]) for by_rule in outcomes], "deg", named, without
+            )
     return rows
 
 

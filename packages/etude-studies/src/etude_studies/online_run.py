@@ -80,10 +80,10 @@ class Watched:
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         start = time.thread_time()
-        found = self.own.command(t, row)
+        output = self.own.command(t, row)
         self.spent["command"].append(time.thread_time() - start)
         self.mixed.append(self.own.weights())
-        return found
+        return output
 
     def observe(self, t: float, row: Row) -> None:
         before, start = int(self.own.counts.learned.sum()), time.thread_time()

@@ -104,9 +104,9 @@ def accuracy_rows(
     beside = "linear regression"
     rows.append(Row(f"nmse_{name}", float(np.nanmean(mine)), "1", beside, float(np.nanmean(theirs))))
     if raw is not None:
-        found, floor = (figures(raw, predicted, None, moving).nmse for predicted in (mean, command))
+        scores, floor = (figures(raw, predicted, None, moving).nmse for predicted in (mean, command))
         noise = "what the filter took out of the command"
-        rows.append(Row(f"nmse_{name}_raw", float(np.nanmean(found)), "1", noise, float(np.nanmean(floor))))
+        rows.append(Row(f"nmse_{name}_raw", float(np.nanmean(scores)), "1", noise, float(np.nanmean(floor))))
     worst = int(np.nanargmax(mine / theirs))
     ratio = float(mine[worst] / theirs[worst])
     rows.append(Row(f"nmse_{name}_worst_vs_linear", ratio, "1", f"no worse; output {worst + 1}", 1.0))
@@ -116,12 +116,12 @@ def accuracy_rows(
 def _check_folder(logs: Path | None) -> None:
     if logs is None:
         return
-    wanted = [file for real in REAL_LOGS if not real.bundled for file in real.files]
-    if not any((logs / file).is_file() for file in wanted):
+    expected = [file for real in REAL_LOGS if not real.bundled for file in real.files]
+    if not any((logs / file).is_file() for file in expected):
         raise UsageError(
             "there is none of the recordings that are read from a folder",
             where=str(logs),
-            next_step=f"Put one of {', '.join(wanted)} there; docs/real_logs.md says what they hold.",
+            next_step=f"Put one of {', '.join(expected)} there; docs/real_logs.md says what they hold.",
         )
 
 

@@ -50,12 +50,12 @@ def between_rows(logs: Path | None = None) -> list[Row]:
         path = real.find(logs)
         if path is None or real.name == "sarcos":  # which has no times
             continue
-        found: dict[str, list[float]] = {}
-        for way, error in _errors(*arm_log(real.name, path)):
-            found.setdefault(way, []).append(error)
-        one = found.pop("one")
-        for way, errors in found.items():
-            name, beside = f"{real.name}_{way}", "as it is"
+        errors_by_variant: dict[str, list[float]] = {}
+        for variant, error in _errors(*arm_log(real.name, path)):
+            errors_by_variant.setdefault(variant, []).append(error)
+        one = errors_by_variant.pop("one")
+        for variant, errors in errors_by_variant.items():
+            name, beside = f"{real.name}_{variant}", "as it is"
             rows.append(Row(name, float(np.mean(errors)), "1", beside, float(np.mean(one))))
             rows.append(Row(f"{name}_largest", max(errors), "1", beside, max(one)))
     return rows
@@ -65,7 +65,7 @@ def _errors(log: Log, world: World) -> Iterator[tuple[str, float]]:
     """Way and mean nMSE, on the test samples of all draws; "one" is the model as it is."""
     parts = drawn(log, world, world.config.data)
     every = joined_samples(parts)
-    own = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
+    draw_of = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
     train, test = block_masks(every.t, 1.0 / filter_cutoff(log, world.config.data))
     held = every.take(test)
 
@@ -74,7 +74,7 @@ def _errors(log: Log, world: World) -> Iterator[tuple[str, float]]:
 
     plain = []
     for draw in range(DRAWS):
-        taught, others = every.take(train & (own == draw)), every.take(train & (own != draw))
+        taught, others = every.take(train & (draw_of == draw)), every.take(train & (draw_of != draw))
         rng = np.random.default_rng(draw)
         model = world.learned(taught, world.config.model, rng, body=False).model
         plain.append(model.mean(held.log))
@@ -85,8 +85,8 @@ def _errors(log: Log, world: World) -> Iterator[tuple[str, float]]:
             "each_less": (nobody, LESS),
             "others_less": (others, LESS * DRAWS),
         }
-        for way, (more, factor) in ways.items():
-            yield way, nmse(again(model, more, factor).mean(held.log))
+        for variant, (more, factor) in ways.items():
+            yield variant, nmse(again(model, more, factor).mean(held.log))
     yield "averaged", nmse(np.mean(plain, axis=0))
 
 
@@ -101,14 +101,14 @@ def _conditioned(model: LearnedModel, candidate: Candidate, more: Samples, facto
     process = candidate.process
     if candidate.mean is not None or not isinstance(process, Posteriors) or len(process.own) > 1:
         return candidate
-    known, j = process.own[0], candidate.commands[0]
-    if not isinstance(known, ExactPosterior):
+    posterior, j = process.own[0], candidate.commands[0]
+    if not isinstance(posterior, ExactPosterior):
         return candidate
-    told = more.take((more.usable & more.moving)[:, j])
-    X = np.vstack([known.X, model.inputs.of_log(told.log)])
-    y = np.concatenate([known.y, (told.command[:, j] - candidate.units[0, 0]) / candidate.units[1, 0]])
-    gp = ExactGP(known.kernel, known.theta, 0.5 * float(np.log(factor * known.noise_variance)))
-    return replace(candidate, process=Posteriors((FixedInducing(gp, known.X, X).posterior(y),)))
+    added = more.take((more.usable & more.moving)[:, j])
+    X = np.vstack([posterior.X, model.inputs.of_log(added.log)])
+    y = np.concatenate([posterior.y, (added.command[:, j] - candidate.units[0, 0]) / candidate.units[1, 0]])
+    gp = ExactGP(posterior.kernel, posterior.theta, 0.5 * float(np.log(factor * posterior.noise_variance)))
+    return replace(candidate, process=Posteriors((FixedInducing(gp, posterior.X, X).posterior(y),)))
 
 
 if __name__ == "__main__":

@@ -85,8 +85,8 @@ def _posture(columns: Sequence[Column]) -> SquaredExponential:
 
 def _places(columns: Sequence[Column], order: int) -> tuple[int, ...]:
     """Columns of positions, velocities or accelerations."""
-    own = list(dict.fromkeys(channel for channel, *_ in columns))[order]
-    return tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == own and not op)
+    named = list(dict.fromkeys(channel for channel, *_ in columns))[order]
+    return tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == named and not op)
 
 
 HERE = "etude_studies.real_choices"
@@ -111,12 +111,12 @@ def choice_rows(logs: Path | None = None, *, only: Sequence[str] = ()) -> list[R
     Args:
         logs: folder with Panda's recording. only: names of the logs to take, all arms' if empty.
     """
-    found = {name: left_out(CHOICES["default"], *arm) for name, arm in _arms(logs, only)}
-    rows = [_stacked_row(name, one) for name, one in found.items()]
+    baselines = {name: left_out(CHOICES["default"], *arm) for name, arm in _arms(logs, only)}
+    rows = [_stacked_row(name, one) for name, one in baselines.items()]
     for choice, options in CHOICES.items():
         ratios = []
         for name, arm in _arms(logs, only):
-            base, one = found[name], left_out(options, *arm)
+            base, one = baselines[name], left_out(options, *arm)
             mine, theirs = one.nmse(one.process), base.nmse(base.process)
             ratios.append(mine / theirs)
             row = Row(f"held_{choice}_{name}", float(mine.mean()), "1", "the default", float(theirs.mean()))
@@ -148,13 +148,13 @@ def predicted(choice: Choice, world: World, train: Samples, test: Samples) -> Ar
     """Commands (n, J) of the test by the process of that choice."""
     config = replace(world.alone, **{"rung": "gp", **choice.model})
     selection = world.learned(train, config, np.random.default_rng(SEED), body=False)
-    found = selection.model.mean(test.log)
+    mean = selection.model.mean(test.log)
     if not choice.other:
-        return found
+        return mean
     other = world.learned(
         train, replace(config, kernel=choice.other), np.random.default_rng(SEED), body=False
     )
-    return np.where(other.errors["gp"] < selection.errors["gp"], other.model.mean(test.log), found)
+    return np.where(other.errors["gp"] < selection.errors["gp"], other.model.mean(test.log), mean)
 
 
 def stacked_errors(process: Sequence[Array], linear: Sequence[Array]) -> Array:
@@ -177,10 +177,13 @@ def folds(log: Log, world: World, choice: Choice) -> Iterator[tuple[Samples, Sam
     samples, gap = world.samples(log, data=data), 1.0 / filter_cutoff(log, data)
     block = np.argsort(np.argsort(samples.t, kind="stable")) * COUNT // len(samples)
     test = block % EVERY == FIRST
-    known = ~test & ~near_times(samples.t, test, gap)
+    training = ~test & ~near_times(samples.t, test, gap)
     for remainder in sorted(set(range(EVERY)) - {FIRST}):
-        own = known & (block % EVERY == remainder) & (block > 0) & (block < COUNT - 1)
-        yield samples.take(known & ~own & ~near_times(samples.t, own, gap)), samples.take(own)
+        block_test = training & (block % EVERY == remainder) & (block > 0) & (block < COUNT - 1)
+        yield (
+            samples.take(training & ~block_test & ~near_times(samples.t, block_test, gap)),
+            samples.take(block_test),
+        )
 
 
 def _arms(logs: Path | None, only: Sequence[str]) -> Iterator[tuple[str, tuple[Log, World]]]:

@@ -40,8 +40,8 @@ def draw_rows(logs: Path | None = None, *, least_samples: tuple[int, ...] = (150
             continue
         log, world = arm_log(real.name, path)
         for least in least_samples:
-            found = np.array(list(_outcomes(log, world, replace(world.config.data, least_samples=least))))
-            rows += _rows(f"{real.name}_{least}", *found.T)
+            outcomes = np.array(list(_outcomes(log, world, replace(world.config.data, least_samples=least))))
+            rows += _rows(f"{real.name}_{least}", *outcomes.T)
     return rows
 
 
@@ -61,12 +61,12 @@ def _outcomes(log: Log, world: World, data: Any) -> Iterator[tuple[float, float,
     """Of each draw: mean nMSE, linear regression's, the largest ratio of an output, seconds of CPU."""
     parts = drawn(log, world, data)
     t = np.concatenate([part.t for part in parts])
-    own = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
+    draw_of = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
     train, test = block_masks(t, 1.0 / filter_cutoff(log, data))
     every = joined_samples(parts)
     held = every.take(test)
     for draw in range(DRAWS):
-        taught, start = every.take(train & (own == draw)), time.process_time()
+        taught, start = every.take(train & (draw_of == draw)), time.process_time()
         model = world.learned(taught, world.config.model, np.random.default_rng(draw), body=False).model
         seconds, use = time.process_time() - start, held.usable & held.moving
         line = LinearPhysics(model.inputs)(taught).predict(held.log)

@@ -33,7 +33,7 @@ def fit_rows(logs: Path) -> list[Row]:
     Raises:
         UsageError: SARCOS is not in the folder.
     """
-    real = next(own for own in REAL_LOGS if own.name == "sarcos")
+    real = next(recording for recording in REAL_LOGS if recording.name == "sarcos")
     path = real.find(logs)
     if path is None:
         raise UsageError(
@@ -56,8 +56,8 @@ def _errors(data: Recording, count: int) -> Iterator[tuple[float, float]]:
         began = time.process_time()
         model = data.world.learned(train, config, np.random.default_rng(0), body=False).model
         seconds = time.process_time() - began
-        found = figures(test.command, model.mean(test.log), None, test.usable & test.moving)
-        yield float(found.nmse.mean()), seconds
+        scores = figures(test.command, model.mean(test.log), None, test.usable & test.moving)
+        yield float(scores.nmse.mean()), seconds
 
 
 def folds(samples: Samples) -> Iterator[tuple[Samples, Samples]]:

@@ -48,7 +48,7 @@ def outcome(test: Samples, mean: Array, seconds: float) -> Outcome:
     use = test.usable & test.moving
     y, error = np.where(use, test.command, 0.0), np.where(use, test.command - mean, 0.0)
     count, total, square, off = (
-        tuple(own.sum(axis=0).astype(float).tolist()) for own in (use, y, y**2, error**2)
+        tuple(values.sum(axis=0).astype(float).tolist()) for values in (use, y, y**2, error**2)
     )
     return Outcome(count, total, square, off, seconds)
 
@@ -56,7 +56,7 @@ def outcome(test: Samples, mean: Array, seconds: float) -> Outcome:
 def nmse(parts: Sequence[Outcome]) -> Array:
     """(J,) squared errors of all parts over the commands' variance in all of them."""
     n, total, square, error = (
-        np.sum([getattr(own, name) for own in parts], axis=0)
+        np.sum([getattr(part, name) for part in parts], axis=0)
         for name in ("count", "total", "square", "error")
     )
     return np.asarray(error / (square - total**2 / n))
@@ -108,10 +108,10 @@ def learned_together(world: World, train: Samples) -> Callable[[Log], Array]:
 CHOICES = {"default": default, "gip_lin": gip_lin, "all_lin": all_together}
 
 
-def outcomes(kept: Path, logs: Path | None) -> dict[str, Outcome]:
-    """By "log/split/choice"; those in the file `kept` are not computed again."""
-    lines = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
-    found = {name: Outcome(**row) for line in lines for name, row in json.loads(line).items()}
+def outcomes(file_path: Path, logs: Path | None) -> dict[str, Outcome]:
+    """By "log/split/choice"; those in `file_path` are not computed again."""
+    lines = file_path.read_text(encoding="utf-8").splitlines() if file_path.is_file() else []
+    results = {name: Outcome(**row) for line in lines for name, row in json.loads(line).items()}
     for real in REAL_LOGS:
         path = real.find(logs)
         if path is None or real.name == "sarcos":  # which has no times
@@ -120,30 +120,30 @@ def outcomes(kept: Path, logs: Path | None) -> dict[str, Outcome]:
         for split, train, test in splits(log, world):
             for choice, learn in CHOICES.items():
                 name = f"{real.name}/{split}/{choice}"
-                if name in found:
+                if name in results:
                     continue
                 start = time.process_time()
                 mean = learn(world, train, test)
-                found[name] = outcome(test, mean, time.process_time() - start)
-                with kept.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({name: asdict(found[name])}) + "\n")
-    return found
+                results[name] = outcome(test, mean, time.process_time() - start)
+                with file_path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({name: asdict(results[name])}) + "\n")
+    return results
 
 
-def rows(found: Mapping[str, Outcome]) -> list[Row]:
+def rows(results: Mapping[str, Outcome]) -> list[Row]:
     """`<log>_<choice>` and `<log>_quarters_<choice>`: mean nMSE over the outputs, beside the default's; and
     `<log>_<choice>_cpu`, of the blocks.
     """
     made = []
     parts = {"": ("blocks",), "_quarters": tuple(f"quarter{i + 1}" for i in range(QUARTERS))}
-    for log in dict.fromkeys(name.split("/")[0] for name in found):
+    for log in dict.fromkeys(name.split("/")[0] for name in results):
         for title, kinds in parts.items():
             means = {
-                choice: float(nmse([found[f"{log}/{kind}/{choice}"] for kind in kinds]).mean())
+                choice: float(nmse([results[f"{log}/{kind}/{choice}"] for kind in kinds]).mean())
                 for choice in CHOICES
             }
             made += [Row(f"{log}{title}_{c}", m, "1", "default", means["default"]) for c, m in means.items()]
-        cpu = {choice: found[f"{log}/blocks/{choice}"].seconds for choice in CHOICES}
+        cpu = {choice: results[f"{log}/blocks/{choice}"].seconds for choice in CHOICES}
         made += [Row(f"{log}_{c}_cpu", seconds, "s", "default", cpu["default"]) for c, seconds in cpu.items()]
     return made
 

@@ -85,7 +85,7 @@ Predictor = Callable[[Log], Array]
 Entry = Callable[[Lesson], Predictor | None]
 
 
-class Found(msgspec.Struct, frozen=True):
+class EntryResult(msgspec.Struct, frozen=True):
     """The result file of an entry.
 
     Attributes:
@@ -105,9 +105,9 @@ class Found(msgspec.Struct, frozen=True):
     def until(self, robot: str, percent: float) -> float:
         """Least seconds from which on the error is at most so much; NaN: not reached, or not tried."""
         tried = self.errors.get(robot, {})
-        own = [(float(s), math.inf if e is None else e) for s, e in tried.items()]
-        above = [s for s, error in own if not error <= percent]
-        return min((s for s, _ in own if s > max(above, default=0.0)), default=math.nan)
+        errors = [(float(s), math.inf if e is None else e) for s, e in tried.items()]
+        above = [s for s, error in errors if not error <= percent]
+        return min((s for s, _ in errors if s > max(above, default=0.0)), default=math.nan)
 
     @property
     def last(self) -> dict[str, float]:
@@ -118,7 +118,7 @@ class Found(msgspec.Struct, frozen=True):
 
 def run(
     *, json: bool = False, seed: int = 0, seeds: int = 1, folder: Path | None = None, method: str = ""
-) -> list[Found]:
+) -> list[EntryResult]:
     """Scores an entry (the two that come along if none is named), and writes the leaderboard.
 
     Args:
@@ -128,27 +128,27 @@ def run(
     del seeds
     folder = folder or Path("results/robot_time")
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
+    results = []
     for name in (method,) if method else (LINEAR, ETUDE):
         with threads_for(0):
-            found.append(scored(name, entry_of(name), seed))
-        write_atomic(folder / f"{name.replace(':', '.')}.json", msgspec.json.encode(found[-1]))
+            results.append(scored(name, entry_of(name), seed))
+        write_atomic(folder / f"{name.replace(':', '.')}.json", msgspec.json.encode(results[-1]))
     board = entries(KNOWN, folder)
     write_atomic(folder / "leaderboard.html", leaderboard(board).encode("utf-8"))
-    print(msgspec.json.encode(found).decode() if json else _text(board, folder))  # noqa: T201
-    return found
+    print(msgspec.json.encode(results).decode() if json else _text(board, folder))  # noqa: T201
+    return results
 
 
 def entry_of(name: str) -> Entry:
     """The function of a name. UsageError: it is none."""
-    found: Any = plugins.named_in_full(name) if plugins.FULL_NAME.fullmatch(name) else None
-    if not callable(found):
+    entry: Any = plugins.named_in_full(name) if plugins.FULL_NAME.fullmatch(name) else None
+    if not callable(entry):
         step = "Name a function of one lesson, such as my_entry:learn."
         raise UsageError(f"{name!r} is no module:function", where="--method", next_step=step)
-    return found  # type: ignore[no-any-return]
+    return entry  # type: ignore[no-any-return]
 
 
-def scored(name: str, entry: Entry, seed: int) -> Found:
+def scored(name: str, entry: Entry, seed: int) -> EntryResult:
     """Every robot with every number of seconds, and every trap."""
     errors: dict[str, dict[str, float | None]] = {}
     data, began = {}, time.process_time()
@@ -156,15 +156,15 @@ def scored(name: str, entry: Entry, seed: int) -> Found:
         world, taught, test = task(robot, seed)
         data[robot] = hashlib.sha256(np.round(test.command, 6).tobytes()).hexdigest()
         errors[robot] = {
-            f"{own:g}": _error(entry, Lesson(robot, world, _first(taught, own)), test, robot)
-            for own in SECONDS
+            f"{seconds:g}": _error(entry, Lesson(robot, world, _first(taught, seconds)), test, robot)
+            for seconds in SECONDS
         }
     traps = {
         f"{robot} {trap}": entry(Lesson(robot, task(robot, seed)[0], log)) is None
         for robot in TRAPPED
         for trap, log in wrong_logs(robot, seed)
     }
-    return Found(name, seed, round(time.process_time() - began, 1), errors, data, traps)
+    return EntryResult(name, seed, round(time.process_time() - began, 1), errors, data, traps)
 
 
 @cache
@@ -179,8 +179,8 @@ def task(robot: str, seed: int) -> tuple[World, Log, Samples]:
         place = log.t[0] + TRAINED * (log.t[-1] - log.t[0])
         return world, log.take(log.t < place), world.samples(log.take(log.t > place + 1.0))
     world = World.of(robot)
-    taught, asked = (_run(world, np.random.default_rng([seed, place])) for place in (0, 1))
-    return world, taught, world.samples(asked)
+    taught, tested = (_run(world, np.random.default_rng([seed, place])) for place in (0, 1))
+    return world, taught, world.samples(tested)
 
 
 def _run(world: World, rng: np.random.Generator) -> Log:
@@ -210,12 +210,12 @@ def _error(entry: Entry, lesson: Lesson, test: Samples, robot: str) -> float | N
     predict = entry(lesson)
     if predict is None:
         return None
-    found = np.asarray(predict(test.log.without("command")), dtype=float)
-    if found.shape != test.command.shape:
+    predicted = np.asarray(predict(test.log.without("command")), dtype=float)
+    if predicted.shape != test.command.shape:
         step = f"Return an array of shape {test.command.shape}, a row for each state."
-        raise DataError(f"the entry returned shape {found.shape}", where=robot, next_step=step)
+        raise DataError(f"the entry returned shape {predicted.shape}", where=robot, next_step=step)
     use = test.usable & test.moving
-    wrong = np.where(use, found - test.command, np.nan)
+    wrong = np.where(use, predicted - test.command, np.nan)
     spread = np.nanstd(np.where(use, test.command, np.nan), axis=0)
     return round(float(100.0 * np.nanmean(np.sqrt(np.nanmean(wrong**2, axis=0)) / spread)), 3)
 
@@ -239,8 +239,8 @@ def etude(lesson: Lesson) -> Predictor | None:
     """Étude's default: its truth tests refuse, its ladder learns what it can."""
     from etude_studies.bench_truth import OF_NUMBERS, findings
 
-    told = findings(lesson.world, replace(lesson.log, repairs=()))
-    if any(f.flag or f.light == "red" or f.check in OF_NUMBERS for f in told):
+    checks = findings(lesson.world, replace(lesson.log, repairs=()))
+    if any(f.flag or f.light == "red" or f.check in OF_NUMBERS for f in checks):
         return None
     try:
         rng = np.random.default_rng(0)
@@ -249,19 +249,19 @@ def etude(lesson: Lesson) -> Predictor | None:
         return None
 
 
-def entries(*folders: Path) -> list[Found]:
+def entries(*folders: Path) -> list[EntryResult]:
     """All result files; of an entry that is in several folders the last. DataError: a file is none."""
-    found = {}
+    results = {}
     for path in (path for folder in folders for path in sorted(folder.glob("*.json"))):
         try:
-            own = msgspec.json.decode(path.read_bytes(), type=Found)
+            result = msgspec.json.decode(path.read_bytes(), type=EntryResult)
         except msgspec.DecodeError as error:
             step = "Delete it, and score the entry again."
             raise DataError(
                 f"this is no result of an entry: {error}", where=str(path), next_step=step
             ) from error
-        found[own.entry, own.seed] = own
-    return sorted(found.values(), key=lambda own: np.nanmean(list(own.last.values())))
+        results[result.entry, result.seed] = result
+    return sorted(results.values(), key=lambda result: np.nanmean(list(result.last.values())))
 
 
 HEADER = (
@@ -276,47 +276,56 @@ HEADER = (
 )
 
 
-def rows(board: list[Found]) -> list[list[str]]:
+def rows(board: list[EntryResult]) -> list[list[str]]:
     """A line for each entry: robots that reach each error, the mean error, the word, traps refused."""
-    base = {own.seed: own for own in board if own.entry == LINEAR}
-    return [_row(own, base.get(own.seed)) for own in board]
+    base = {result.seed: result for result in board if result.entry == LINEAR}
+    return [_row(result, base.get(result.seed)) for result in board]
 
 
-def _row(own: Found, base: Found | None) -> list[str]:
+def _row(result: EntryResult, base: EntryResult | None) -> list[str]:
     reached = [
-        f"{sum(math.isfinite(own.until(r, p)) for r in own.errors)}/{len(own.errors)}" for p in PERCENT
+        f"{sum(math.isfinite(result.until(r, p)) for r in result.errors)}/{len(result.errors)}"
+        for p in PERCENT
     ]
-    told = ["", ""]
-    if base is not None and base is not own and base.data == own.data:
-        pair = dict(enumerate(own.last.values())), dict(enumerate(base.last.values()))
-        found = compare({"": pair})[""]
-        told = ["" if found.estimate is None else f"{found.estimate:.3g}", found.word]
-    elif base is not None and base is not own:
-        told = ["", "other data"]
-    traps = f"{sum(own.traps.values())}/{len(own.traps)}"
-    lessons = [error for by in own.errors.values() for error in by.values()]
+    comparison = ["", ""]
+    if base is not None and base is not result and base.data == result.data:
+        pair = dict(enumerate(result.last.values())), dict(enumerate(base.last.values()))
+        compared = compare({"": pair})[""]
+        comparison = ["" if compared.estimate is None else f"{compared.estimate:.3g}", compared.word]
+    elif base is not None and base is not result:
+        comparison = ["", "other data"]
+    traps = f"{sum(result.traps.values())}/{len(result.traps)}"
+    lessons = [error for by in result.errors.values() for error in by.values()]
     right = f"{lessons.count(None)}/{len(lessons)}"
-    mean = f"{np.nanmean(list(own.last.values())):.3g}"
-    return [f"{own.entry} (seed {own.seed})", *reached, mean, *told, traps, right, f"{own.cpu_s:g}"]
+    mean = f"{np.nanmean(list(result.last.values())):.3g}"
+    return [
+        f"{result.entry} (seed {result.seed})",
+        *reached,
+        mean,
+        *comparison,
+        traps,
+        right,
+        f"{result.cpu_s:g}",
+    ]
 
 
-def leaderboard(board: list[Found]) -> Html:
+def leaderboard(board: list[EntryResult]) -> Html:
     """The page: a line for each entry, and below seconds until each error by robot."""
     style = resources.files("etude.report").joinpath("report.css").read_text(encoding="utf-8")
-    head = ["entry", *dict.fromkeys(robot for own in board for robot in own.errors)]
+    head = ["entry", *dict.fromkeys(robot for result in board for robot in result.errors)]
     parts: list[object] = [
         element("h1", "Robot time to an error"),
-        paragraph(_told()),
+        paragraph(_explanation()),
         table(HEADER, rows(board)),
     ]
     for percent in PERCENT:
         parts.append(element("h2", f"Seconds to {percent:g} %"))
-        own = [[one.entry, *(_seconds(one.until(robot, percent)) for robot in head[1:])] for one in board]
-        parts.append(table(head, own))
+        lines = [[one.entry, *(_seconds(one.until(robot, percent)) for robot in head[1:])] for one in board]
+        parts.append(table(head, lines))
     return document("Robot time to an error", element("style", Html(style)), element("main", *parts))
 
 
-def _told() -> str:
+def _explanation() -> str:
     return (
         "Root mean squared error of the predicted command over its spread, mean over the commands, on a test "
         f"that the entry never saw. It learned the first {', '.join(f'{s:g}' for s in SECONDS)} s of a log. "
@@ -329,6 +338,6 @@ def _seconds(value: float) -> str:
     return f"{value:g}" if math.isfinite(value) else "not reached"
 
 
-def _text(board: list[Found], folder: Path) -> str:
+def _text(board: list[EntryResult], folder: Path) -> str:
     lines = ["  ".join(map(str, HEADER)), *("  ".join(row) for row in rows(board))]
     return "\n".join([*lines, f"The page: {folder / 'leaderboard.html'}"])

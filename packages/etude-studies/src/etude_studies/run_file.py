@@ -57,18 +57,18 @@ def read_result(path: Path, spec: Spec) -> pl.DataFrame:
 
 def read_made(path: Path) -> Made:
     """Where a result comes from. DataError as `read_result`."""
-    found = read_metadata(path)
-    return Made(**json.loads(found["made"]))
+    metadata = read_metadata(path)
+    return Made(**json.loads(metadata["made"]))
 
 
-def read_metadata(path: Path, key: str = "", wanted: str = "") -> Mapping[str, str]:
-    """What stands beside the table. DataError: damaged, of another format, or `key` is not as wanted."""
-    found = parquet_metadata(path)
-    if found.get("format") != FORMAT:
-        raise _unfit(f"it is a result of format {found.get('format', 'unknown')}, not {FORMAT}", path)
-    if key and found.get(key) != wanted:
-        raise _unfit(f"it is of another run: {found.get(key)}, not {wanted}", path)
-    return found
+def read_metadata(path: Path, key: str = "", expected: str = "") -> Mapping[str, str]:
+    """What stands beside the table. DataError: damaged, of another format, or `key` is not as expected."""
+    metadata = parquet_metadata(path)
+    if metadata.get("format") != FORMAT:
+        raise _unfit(f"it is a result of format {metadata.get('format', 'unknown')}, not {FORMAT}", path)
+    if key and metadata.get(key) != expected:
+        raise _unfit(f"it is of another run: {metadata.get(key)}, not {expected}", path)
+    return metadata
 
 
 def _unfit(fact: str, path: Path) -> DataError:

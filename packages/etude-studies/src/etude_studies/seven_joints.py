@@ -119,8 +119,8 @@ class SevenJoints:
         """(T, 7) torques, N m, of the body and its friction."""
         world = described(self.payload, self.built)
         states = {"q": q, "qd": qd, "qdd": qdd}
-        known = {c.name: c for c in world.kind.channels(world.spec)}
-        log = Log(np.arange(len(q)) / RATE, {n: known[n] for n in states}, states)
+        channels = {c.name: c for c in world.kind.channels(world.spec)}
+        log = Log(np.arange(len(q)) / RATE, {n: channels[n] for n in states}, states)
         return np.asarray(body(self.payload, self.built).predict(log) + self.friction_at(q, qd))
 
     def friction_at(self, q: Array, qd: Array) -> Array:
@@ -134,11 +134,11 @@ class SevenJoints:
         """A log of the motion at 100 Hz."""
         t = np.arange(0.0, motion.duration, 1.0 / RATE)
         q, qd, qdd = motion.motion(t, 3).orders
-        known = {c.name: c for c in self.world.kind.channels(self.world.spec)}
+        channels = {c.name: c for c in self.world.kind.channels(self.world.spec)}
         noise = TORQUE * self.built.limit * rng.standard_normal(q.shape)
         command = self.inverse(q, qd, qdd) + noise + self.sensor
         values = {"q": q + ENCODER * rng.standard_normal(q.shape), "command": command}
-        return Log(t, {n: known[n] for n in values}, values, "seven joints")
+        return Log(t, {n: channels[n] for n in values}, values, "seven joints")
 
 
 @cache

@@ -66,9 +66,9 @@ class SevenLoop:
                 command[k] = np.clip(ahead[k] + STIFF * limit * (error + DAMPED * rate), -limit, limit)
                 data.qfrc_applied[:] = command[k] - self._friction(data.qpos, data.qvel)
                 mujoco.mj_step(model, data)
-        known = {c.name: c for c in self.world.kind.channels(self.world.spec)}
+        channels = {c.name: c for c in self.world.kind.channels(self.world.spec)}
         values = {"q": q + ENCODER * rng.standard_normal(q.shape), "command": command, "q_true": q}
-        return Log(t, {n: known[n] for n in values}, values, "seven joints")
+        return Log(t, {n: channels[n] for n in values}, values, "seven joints")
 
     def _friction(self, q: Array, qd: Array) -> Array:
         return np.asarray(self.arm.friction_at(q[None], qd[None])[0])

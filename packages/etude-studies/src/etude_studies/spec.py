@@ -53,8 +53,8 @@ class Spec:
     @property
     def settings(self) -> dict[str, Any]:
         """A copy of the settings, as JSON gives them back: tuples are lists."""
-        found: dict[str, Any] = json.loads(self.settings_text)
-        return found
+        settings: dict[str, Any] = json.loads(self.settings_text)
+        return settings
 
     def canonical(self) -> str:
         """The run as JSON, those it needs within it: sorted keys, no blanks, floats by repr."""
@@ -100,13 +100,13 @@ def run_one(spec: Spec, needs: Mapping[str, pl.DataFrame]) -> pl.DataFrame:
     import polars as pl
 
     function: Callable[..., Any] = plugins.load("etude.studies", spec.function)
-    missing = [own.label for own in spec.needs if own.hash not in needs]
+    missing = [needed.label for needed in spec.needs if needed.hash not in needs]
     if missing:
         raise UsageError(f"{spec.label} needs the result of {missing[0]}", next_step="Run that first.")
-    given = {own.hash: needs[own.hash] for own in spec.needs}
+    tables = {needed.hash: needs[needed.hash] for needed in spec.needs}
     with threads_for(0), _one_numba_thread():
-        found = function(spec.settings, spec.seed, given)
-    return found if isinstance(found, pl.DataFrame) else measured_table(found, spec.function)
+        result = function(spec.settings, spec.seed, tables)
+    return result if isinstance(result, pl.DataFrame) else measured_table(result, spec.function)
 
 
 @contextmanager
@@ -125,13 +125,13 @@ def _one_numba_thread() -> Iterator[None]:
 
 
 def _described(spec: Spec) -> dict[str, Any]:
-    needs = [_described(own) for own in spec.needs]
+    needs = [_described(needed) for needed in spec.needs]
     return {"function": spec.function, "needs": needs, "seed": spec.seed, "settings": spec.settings}
 
 
-def _spec(found: Mapping[str, Any]) -> Spec:
-    needs = [_spec(own) for own in found["needs"]]
-    return Spec(found["function"], found["settings"], found["seed"], needs)
+def _spec(description: Mapping[str, Any]) -> Spec:
+    needs = [_spec(needed) for needed in description["needs"]]
+    return Spec(description["function"], description["settings"], description["seed"], needs)
 
 
 def _json(value: object) -> str:
@@ -146,9 +146,9 @@ def _plain(value: Any, where: str) -> Any:
             raise UsageError(
                 f"the key {strange[0]!r} is no text", where=where, next_step="Name it by a text."
             )
-        return {key: _plain(own, f"{where}.{key}") for key, own in value.items()}
+        return {key: _plain(part, f"{where}.{key}") for key, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(own, f"{where}[{i}]") for i, own in enumerate(value)]
+        return [_plain(part, f"{where}[{i}]") for i, part in enumerate(value)]
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if isinstance(value, float) and math.isfinite(value):

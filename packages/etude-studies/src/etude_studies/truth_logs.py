@@ -50,17 +50,17 @@ class Source:
 
 def real_sources(logs: Path | None) -> list[Source]:
     """The recordings that are there, with velocities where they have them."""
-    found = []
-    for own in REAL_LOGS:
-        path = own.find(logs) if own.name != "sarcos" else None
+    sources = []
+    for recording in REAL_LOGS:
+        path = recording.find(logs) if recording.name != "sarcos" else None
         if path is not None:
-            velocities = (False, True) if own.name in ("ur10", "panda") else (False,)
-            found += [Source(own.name, True, str(path), velocities=v) for v in velocities]
+            velocities = (False, True) if recording.name in ("ur10", "panda") else (False,)
+            sources += [Source(recording.name, True, str(path), velocities=v) for v in velocities]
     tiago = None if logs is None else logs / "tiago_exciting.npz"
     if tiago is not None and tiago.is_file():
-        found.append(Source("tiago", True, str(tiago), velocities=True))
+        sources.append(Source("tiago", True, str(tiago), velocities=True))
     flights = sorted((EXAMPLES / "crazyflie").glob("*.csv"))
-    return [*found, *(Source(f"crazyflie_{path.stem}", True, str(path)) for path in flights)]
+    return [*sources, *(Source(f"crazyflie_{path.stem}", True, str(path)) for path in flights)]
 
 
 def simulated_sources(count: int, seed: int) -> list[Source]:
@@ -98,12 +98,12 @@ def _with_velocities(world: World, log: Log, path: Path) -> Log:
 def _tiago(path: Path) -> tuple[World, Log]:
     world = World.of(EXAMPLES / "tiago" / "tiago.toml")
     with np.load(path) as arrays:
-        found = {name: np.asarray(arrays[name], dtype=np.float64) for name in ("t", "q", "qd", "effort")}
-    if found["q"].shape[1] < TIAGO_JOINTS:
+        columns = {name: np.asarray(arrays[name], dtype=np.float64) for name in ("t", "q", "qd", "effort")}
+    if columns["q"].shape[1] < TIAGO_JOINTS:
         raise DataError("this is not the recording of the TIAGo", where=path.name)
-    log = Log(found["t"] - found["t"][0], {}, {}, path.name)
+    log = Log(columns["t"] - columns["t"][0], {}, {}, path.name)
     for name, array in (("q", "q"), ("qd", "qd"), ("command", "effort")):
-        log = log.put(_channel(world, name), np.ascontiguousarray(found[array][:, :TIAGO_JOINTS]))
+        log = log.put(_channel(world, name), np.ascontiguousarray(columns[array][:, :TIAGO_JOINTS]))
     return world, log
 
 

@@ -43,10 +43,10 @@ class Wrong:
 def wrongs(log: Log, path: str, moves: Mask) -> Iterator[Wrong]:
     """Every mutation of a log; signs and swaps of the joints that move."""
     if path == "q":
-        own = np.flatnonzero(moves).tolist()
-        for j in own:
+        joints = np.flatnonzero(moves).tolist()
+        for j in joints:
             yield Wrong("sign", "sign", partial(_turned, j=j), j)
-        for a, b in itertools.combinations(own, 2):
+        for a, b in itertools.combinations(joints, 2):
             order = list(range(len(moves)))
             order[a], order[b] = b, a
             yield Wrong("swapped", "swapped", partial(_ordered, order=order), a, tuple(order))

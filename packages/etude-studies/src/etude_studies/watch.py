@@ -37,8 +37,8 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, one line for each, and prints the rows."""
     cells: dict[str, list[dict[str, Any]]] = {robot: [] for robot in ROBOTS}
     for s in range(seed, seed + seeds):
-        for robot, own in cells.items():
-            own.append(kept(folder / f"{robot}_{s:04d}.json", partial(measured, robot, s)))
+        for robot, robot_cells in cells.items():
+            robot_cells.append(kept(folder / f"{robot}_{s:04d}.json", partial(measured, robot, s)))
     recovery = recovery_cells(seed, seeds, folder, kept)
     several = [
         kept(folder / f"rows_{robot}_{s:04d}.json", partial(several_runs, robot, s))
@@ -60,9 +60,9 @@ def kept(path: Path, measure: Any) -> dict[str, Any]:
     if new:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text.dumps(measure()).encode())
-    found: dict[str, Any] = text.loads(path.read_bytes())
+    facts: dict[str, Any] = text.loads(path.read_bytes())
     Console(stderr=True).print(f"{path.stem}: {'measured' if new else 'known'}", highlight=False)
-    return found
+    return facts
 
 
 def measured(robot: str, seed: int) -> dict[str, Any]:
@@ -74,24 +74,24 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
         "payload": {"payload": LOAD * plant.rated()},
         "friction": {"friction": FRICTION},
     }
-    found: dict[str, Any] = {"freedom": model.freedom}
+    facts: dict[str, Any] = {"freedom": model.freedom}
     for name, what in whats.items():
-        found[name] = _facts(model, world.samples(plant.run(world.motion(rng), rng, what)))
+        facts[name] = _facts(model, world.samples(plant.run(world.motion(rng), rng, what)))
     fault, joint = _fault(seed, world.spec.dof)
     log = broken(plant.made, world.motion(rng), rng, fault, joint, world.spec.command)
-    found["sensor"] = _facts(model, world.samples(log)) | {"fault": fault, "joint": joint}
-    return found
+    facts["sensor"] = _facts(model, world.samples(log)) | {"fault": fault, "joint": joint}
+    return facts
 
 
 def several_runs(robot: str, seed: int) -> dict[str, Any]:
     """What is told of how the change came, of both rows of runs."""
     plant, rng = Plant.of(robot), np.random.default_rng([seed, ROW_STREAM])
     world, model = plant.world, _learned(plant, rng)
-    found = {"robot": robot}
+    onsets = {"robot": robot}
     for name, factors in (("growing", GROWING), ("sudden", SUDDEN)):
         runs: list[Log] = [plant.run(world.motion(rng), rng, {"friction": f}) for f in factors]
-        found[name] = drift_onset([change_test(model, world.samples(log)).sizes for log in runs])
-    return found
+        onsets[name] = drift_onset([change_test(model, world.samples(log)).sizes for log in runs])
+    return onsets
 
 
 def _learned(plant: Plant, rng: np.random.Generator) -> LearnedModel:
@@ -111,5 +111,5 @@ def _fault(seed: int, joints: int) -> tuple[str, int]:
 
 
 def _facts(model: LearnedModel, samples: Samples) -> dict[str, Any]:
-    found: ChangeTest = change_test(model, samples)
-    return facts_of(found, samples.t)
+    test: ChangeTest = change_test(model, samples)
+    return facts_of(test, samples.t)

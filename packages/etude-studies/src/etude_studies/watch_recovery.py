@@ -37,10 +37,10 @@ TOP_UPS = {"batch_20": (20.0,), "batch_60": (60.0,), "batch_120": (60.0, 60.0)}
 ONLINE = {"frozen": None, "online": OnlineConfig(), "forgetting": OnlineConfig(half_life=HALF_LIFE_S)}
 
 
-def recovery_cells(seed: int, seeds: int, folder: Path, kept: Callable[..., Any]) -> list[dict[str, Any]]:
+def recovery_cells(seed: int, seeds: int, folder: Path, cached: Callable[..., Any]) -> list[dict[str, Any]]:
     """Every cell, from its file if it was run."""
     return [
-        kept(folder / f"recovery_{robot}_{change}_{s:04d}.json", partial(measured, robot, change, s))
+        cached(folder / f"recovery_{robot}_{change}_{s:04d}.json", partial(measured, robot, change, s))
         for robot in ROBOTS
         for change in CHANGES
         for s in range(seed, seed + min(seeds, SEEDS))
@@ -55,27 +55,27 @@ def measured(robot: str, change: str, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng([seed, STREAM])
     logs = [world.robot.run(world.motion(rng), None, rng) for _ in range(TRAINING)]
     model = world.learned(world.samples(*logs), world.config.model, rng).model
-    known, motion = feedback(world, logs), world.motion(rng, harmonics=2, **one_period(PASS_S))
+    feedback_law, motion = feedback(world, logs), world.motion(rng, harmonics=2, **one_period(PASS_S))
     what = {"payload": LOAD * Plant.of(robot).rated(), "friction": FRICTION}
     changed = world.robot.changed(**{change: what[change]})
     runs = {
-        name: run_rule(world, model, motion, own, seed, {CHANGE_S: changed}, known).log
-        for name, own in ONLINE.items()
+        name: run_rule(world, model, motion, config, seed, {CHANGE_S: changed}, feedback_law).log
+        for name, config in ONLINE.items()
     }
     before = _windows(runs["frozen"], 0.0)
     after = _windows(runs["frozen"], CHANGE_S) / before
-    found: dict[str, Any] = {"robot": robot, "change": change, "at_once": float(after.mean())}
-    found["before_deg"] = math.degrees(before.mean())
-    found |= {name: _back(log, before) for name, log in runs.items()}
+    result: dict[str, Any] = {"robot": robot, "change": change, "at_once": float(after.mean())}
+    result["before_deg"] = math.degrees(before.mean())
+    result |= {name: _back(log, before) for name, log in runs.items()}
     for name, lengths in TOP_UPS.items():
         new = [changed.run(world.motion(rng, duration=s), None, rng) for s in lengths]
-        own = world.learned(world.samples(*new), world.config.model, rng).model
-        controller = world.kind.controller(world.spec, world.config, own)
+        retrained = world.learned(world.samples(*new), world.config.model, rng).model
+        controller = world.kind.controller(world.spec, world.config, retrained)
         again = changed.run(motion, controller, np.random.default_rng([seed, 2]))
         ratio = _windows(again, 0.0) / before
         good = bool(np.all(ratio <= BACK))
-        found[name] = {"seconds": sum(lengths) if good else None, "ratio": float(ratio.mean())}
-    return found
+        result[name] = {"seconds": sum(lengths) if good else None, "ratio": float(ratio.mean())}
+    return result
 
 
 def _back(log: Log, before: Array) -> dict[str, Any]:

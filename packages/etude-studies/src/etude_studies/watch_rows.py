@@ -21,27 +21,32 @@ Cells = Sequence[Mapping[str, Any]]
 
 def rows_of(cells: Mapping[str, Cells], several: Cells, recovery: Cells) -> list[Row]:
     """Of each robot, and of all."""
-    every = {**cells, "all": [c for own in cells.values() for c in own]}
-    rows = [row for robot, own in every.items() for row in _robot(robot, own)]
+    every = {**cells, "all": [c for robot_cells in cells.values() for c in robot_cells]}
+    rows = [row for robot, robot_cells in every.items() for row in _robot(robot, robot_cells)]
     return [*rows, *_faults(every["all"]), *_manners(several), *_recovery(recovery)]
 
 
 def _robot(robot: str, cells: Cells) -> list[Row]:
     same = [c[name] for c in cells for name in c if name.startswith("unchanged")]
-    alarms = sum(own["alarm_s"] is not None for own in same)
+    alarms = sum(facts["alarm_s"] is not None for facts in same)
     rows = [
         Row(f"false_alarms_{robot}", alarms, "1", f"of {len(same)}; {_interval(alarms, len(same))}"),
-        Row(f"largest_unchanged_{robot}", max(own["largest"] for own in same), "nats"),
+        Row(f"largest_unchanged_{robot}", max(facts["largest"] for facts in same), "nats"),
     ]
     totals = {"right": 0, "unknown": 0, "wrong": 0, "not noticed": 0}
     for change in CHANGES:
-        told = [_told(change, c[change]) for c in cells]
+        outcomes = [_outcome(change, c[change]) for c in cells]
         soon = sum((c[change]["alarm_s"] or np.inf) <= SOON for c in cells)
         rows.append(Row(f"{change}_soon_{robot}", soon, "1", f"within {SOON:g} s, {_of(soon, len(cells))}"))
         for word in totals:
-            totals[word] += told.count(word)
+            totals[word] += outcomes.count(word)
             rows.append(
-                Row(f"{change}_{word.replace(' ', '_')}_{robot}", told.count(word), "1", f"of {len(cells)}")
+                Row(
+                    f"{change}_{word.replace(' ', '_')}_{robot}",
+                    outcomes.count(word),
+                    "1",
+                    f"of {len(cells)}",
+                )
             )
     count = len(CHANGES) * len(cells)
     rows += [
@@ -59,10 +64,10 @@ def _manners(cells: Cells) -> list[Row]:
     return rows
 
 
-def _told(change: str, found: Mapping[str, Any]) -> str:
-    if found["alarm_s"] is None:
+def _outcome(change: str, facts: Mapping[str, Any]) -> str:
+    if facts["alarm_s"] is None:
         return "not noticed"
-    named = KINDS.get(found["named"], "unknown")
+    named = KINDS.get(facts["named"], "unknown")
     return "unknown" if named == "unknown" else "right" if named == change else "wrong"
 
 
@@ -70,9 +75,9 @@ def _faults(cells: Cells) -> list[Row]:
     """Of each kind of broken sensor, how often it was said to be one."""
     rows = []
     for fault in FAULTS:
-        own = [c["sensor"] for c in cells if c["sensor"]["fault"] == fault]
-        wins = sum(_told("sensor", found) == "right" for found in own)
-        rows.append(Row(f"sensor_{fault}_right", wins, "1", _of(wins, len(own)) if own else "of 0"))
+        selected = [c["sensor"] for c in cells if c["sensor"]["fault"] == fault]
+        wins = sum(_outcome("sensor", facts) == "right" for facts in selected)
+        rows.append(Row(f"sensor_{fault}_right", wins, "1", _of(wins, len(selected)) if selected else "of 0"))
     return rows
 
 
@@ -80,23 +85,23 @@ def _recovery(cells: Cells) -> list[Row]:
     """What the error is over that before the change, at once and at the end; and seconds until it is back."""
     rows = []
     for robot, change in dict.fromkeys((c["robot"], c["change"]) for c in cells):
-        own = [c for c in cells if (c["robot"], c["change"]) == (robot, change)]
+        selected = [c for c in cells if (c["robot"], c["change"]) == (robot, change)]
         name = f"{robot}_{change}"
-        rows.append(_middle(f"error_before_{name}", [c["before_deg"] for c in own], "deg"))
-        rows.append(_middle(f"error_at_once_{name}", [c["at_once"] for c in own]))
-        for way in WAYS:
-            seconds = [np.inf if c[way]["seconds"] is None else c[way]["seconds"] for c in own]
+        rows.append(_middle(f"error_before_{name}", [c["before_deg"] for c in selected], "deg"))
+        rows.append(_middle(f"error_at_once_{name}", [c["at_once"] for c in selected]))
+        for variant in WAYS:
+            seconds = [np.inf if c[variant]["seconds"] is None else c[variant]["seconds"] for c in selected]
             back = int(sum(np.isfinite(seconds)))
-            said = f"median; {back} of {len(own)} came back"
-            rows.append(Row(f"back_{way}_{name}", float(np.median(seconds)), "s", said))
-            rows.append(_middle(f"ratio_{way}_{name}", [c[way]["ratio"] for c in own]))
+            sentence = f"median; {back} of {len(selected)} came back"
+            rows.append(Row(f"back_{variant}_{name}", float(np.median(seconds)), "s", sentence))
+            rows.append(_middle(f"ratio_{variant}_{name}", [c[variant]["ratio"] for c in selected]))
     return rows
 
 
 def _middle(metric: str, values: Sequence[float], unit: str = "1") -> Row:
     """The median, and the least and most in words."""
-    said = f"median; {min(values):.3g} .. {max(values):.3g}"
-    return Row(metric, float(np.median(values)), unit, said)
+    sentence = f"median; {min(values):.3g} .. {max(values):.3g}"
+    return Row(metric, float(np.median(values)), unit, sentence)
 
 
 def _of(wins: int, n: int) -> str:

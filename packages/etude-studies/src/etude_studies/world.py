@@ -40,16 +40,16 @@ class World:
     @classmethod
     def described(cls, kind: str, spec: Any, preset: str = "default") -> World:
         """A robot that is described here, of a kind by name."""
-        found = plugins.load("etude.robots", kind)
-        return cls(found, spec, preset_config(found, preset))
+        robot_kind = plugins.load("etude.robots", kind)
+        return cls(robot_kind, spec, preset_config(robot_kind, preset))
 
     @property
     def robot(self) -> Robot:
         """The simulated stand-in. UsageError if there is none."""
-        found = self.kind.robot(self.spec, self.config)
-        if found is None:
+        simulated = self.kind.robot(self.spec, self.config)
+        if simulated is None:
             raise UsageError(f"there is no simulated {self.spec.name}")
-        return found
+        return simulated
 
     def motion(self, rng: np.random.Generator, **trajectory: Any) -> Trajectory:
         """A random motion enlarged to the limits; keys of [trajectory] may be other than the preset's."""

@@ -12,7 +12,17 @@ import pytest
 
 from etude.errors import DataError, UsageError
 from etude_studies import robot_time
-from etude_studies.robot_time import ETUDE, LINEAR, Found, Lesson, entries, entry_of, leaderboard, rows, task
+from etude_studies.robot_time import (
+    ETUDE,
+    LINEAR,
+    EntryResult,
+    Lesson,
+    entries,
+    entry_of,
+    leaderboard,
+    rows,
+    task,
+)
 
 
 def mean_command(lesson: Lesson) -> Any:
@@ -21,9 +31,9 @@ def mean_command(lesson: Lesson) -> Any:
     return lambda states: np.tile(level, (len(states), 1))
 
 
-def made_up(entry: str, errors: dict[str, dict[str, float | None]], **other: Any) -> Found:
+def made_up(entry: str, errors: dict[str, dict[str, float | None]], **other: Any) -> EntryResult:
     told = {"seed": 0, "cpu_s": 1.0, "data": dict.fromkeys(errors, "same"), "traps": {"arm4 sign": True}}
-    return Found(entry, errors=errors, **{**told, **other})
+    return EntryResult(entry, errors=errors, **{**told, **other})
 
 
 def test_an_entry_from_outside_meets_every_robot_and_never_the_commands(

@@ -114,10 +114,10 @@ def watch(
     answers = answers_of(campaign.state(), accept, repair)
     used = deployed_model(campaign)
     say(used.sentence)
-    results = tuple(_one(campaign, used, path, degrees, answers) for path in paths)
+    results = tuple(_watch_log(campaign, used, path, degrees, answers) for path in paths)
     changed = [one for one in results if one.verdict == "changed"]
     if not changed:
-        return Watched(used, results, "", "cannot tell", _quiet(results))
+        return Watched(used, results, "", "cannot tell", _no_change_sentence(results))
     kind, how = _kind(changed), drift_onset([one.test.sizes for one in results if one.test is not None])
     worst = next(one for one in changed if one.kind == kind) if kind != "unknown" else changed[0]
     cause = worst.cause if kind != "unknown" else "unknown"
@@ -126,7 +126,9 @@ def watch(
     return _with_proposal(campaign, watched, say) if propose else watched
 
 
-def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
+def _watch_log(
+    campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, answers: Answers
+) -> WatchedLog:
     try:
         questions = questions_of(campaign, campaign.state(), answers)
         log = start_at_zero(read(campaign, path, degrees=degrees, asked=questions))
@@ -163,7 +165,7 @@ def _kind(changed: Sequence[WatchedLog]) -> str:
     return named.pop() if len(named) == 1 else "unknown"
 
 
-def _quiet(logs: Sequence[WatchedLog]) -> str:
+def _no_change_sentence(logs: Sequence[WatchedLog]) -> str:
     unchanged = [one for one in logs if one.verdict == "unchanged"]
     if not unchanged:
         return "No log could be judged."

@@ -67,7 +67,7 @@ def motion_of_table(campaign: Campaign, place: Path) -> Splined:
     """
     path, raw = _path(campaign), read_raw(place)
     _refuse_heading(raw, place)
-    plain = {_bare(name): name for name in raw.values}
+    plain = {_base_name(name): name for name in raw.values}
     named = {f"{path.name}_{part}": plain[part] for part in path.parts if part in plain}  # x, y, z alone
     # waypoints may be far apart, so their rate does not determine the unit of time
     clocks = [name for name in raw.values if is_time(name)]
@@ -90,7 +90,7 @@ def _path(campaign: Campaign) -> Channel:
     return next(c for c in campaign.channels if c.name == campaign.kind.path)
 
 
-def _bare(header: str) -> str:
+def _base_name(header: str) -> str:
     """ "yaw" of "Yaw [deg]"."""
     return normal(split_suffix(split_unit(header)[0])[0])
 
@@ -98,7 +98,7 @@ def _bare(header: str) -> str:
 def _refuse_heading(raw: Log, place: Path) -> None:
     """Raise UsageError for a column of yaw that is not 0: planned flights keep yaw at zero."""
     for name, values in raw.values.items():
-        if _bare(name) in ("yaw", "heading") and np.abs(values).max(initial=0.0) > TURNED:
+        if _base_name(name) in ("yaw", "heading") and np.abs(values).max(initial=0.0) > TURNED:
             raise UsageError(
                 f"{name} is up to {np.abs(values).max():.3g}, and planned flights have the heading 0",
                 where=str(place),

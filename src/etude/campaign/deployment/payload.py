@@ -85,7 +85,7 @@ def payload(
         load = load_of(used.model, samples, body, apparent_of(campaign, used.model, body))
     except KeyError as error:
         raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
-    better = ITS_MOTION if _weighs(campaign, rows) else MOTION.format(typed(campaign.path))
+    better = ITS_MOTION if _is_weighing_motion(campaign, rows) else MOTION.format(typed(campaign.path))
     sentences = _sentences(load, better)
     return Weighed(used, load, sentences, _written(campaign, used, load, better) if write else None)
 
@@ -119,7 +119,7 @@ def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariation
     return apparent_loads(physics.without(samples, samples.group), model, samples, body)
 
 
-def _weighs(campaign: Campaign, log: Log) -> bool:
+def _is_weighing_motion(campaign: Campaign, log: Log) -> bool:
     """Whether the log is of a motion that was designed to weigh, at any speed."""
     state = campaign.state()
     for weighing in state.weighings:

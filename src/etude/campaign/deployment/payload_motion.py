@@ -151,7 +151,7 @@ def _propose(
     candidates = _candidates(campaign, family, limits, rng)
     first = candidates[0]
     log = used.model.inputs.states(first.family.motion(first.p, np.linspace(0.0, DURATION_S, POINTS), 3))
-    mass = SHARE * _whole(campaign, log, body)
+    mass = SHARE * _require_mass(campaign, log, body)
     apparent = apparent_of(campaign, used.model, body)
     aim = Weighs(used.model, body, apparent, mass, family, used.model.inputs)
     say("Designing a motion that shows the payload.")
@@ -189,7 +189,7 @@ def _candidates(
     return [one for _ in range(REGIONS) for one in between.candidates(rng, CANDIDATES)]
 
 
-def _whole(campaign: Campaign, log: Log, body: SupportsVariations) -> float:
+def _require_mass(campaign: Campaign, log: Log, body: SupportsVariations) -> float:
     whole = whole_mass(log, body, np.asarray(campaign.kind.limit(campaign.spec)))
     if whole == 0.0:
         raise UsageError(

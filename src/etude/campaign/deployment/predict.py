@@ -77,7 +77,7 @@ def predict(
         try:
             return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
         except DataError as error:  # its advice is for training, not for such a table
-            raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
+            raise DataError(error.fact, where=str(place), next_step=_missing_state_advice(place)) from error
     return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
 
 
@@ -86,7 +86,7 @@ def _along(campaign: Campaign, model: LearnedModel, motion: Trajectory, scatter:
     return _in_units(model, states, campaign, scatter)
 
 
-def _lacking(place: Path) -> str:
+def _missing_state_advice(place: Path) -> str:
     """Advice for a table that lacks a state that the model needs."""
     planned = place.with_suffix(".json")
     instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
@@ -174,7 +174,9 @@ def _in_units(model: LearnedModel, states: Log, campaign: Campaign, scatter: Arr
     beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
     prediction = replace(prediction, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
     prediction = prediction.put(replace(aside, name=SINGLE), np.hypot(prediction[DEVIATION], scatter))
-    return prediction.repaired(*_illegal(campaign, states), *_beyond(model, prediction[OUTSIDE] > 0.0))
+    return prediction.repaired(
+        *_illegal(campaign, states), *_outside_sentence(model, prediction[OUTSIDE] > 0.0)
+    )
 
 
 def _illegal(campaign: Campaign, states: Log) -> list[str]:
@@ -192,7 +194,7 @@ def _illegal(campaign: Campaign, states: Log) -> list[str]:
     return [f"These states are beyond the robot's limits: {', '.join(violations)}."] if violations else []
 
 
-def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
+def _outside_sentence(model: LearnedModel, beyond: Mask) -> list[str]:
     """A sentence with the share of rows of each command that lie outside, if some do."""
     shares = 100.0 * beyond.mean(axis=0)
     if not beyond.any():

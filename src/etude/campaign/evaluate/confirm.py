@@ -118,7 +118,7 @@ def _propose(
     used = model_to_command(campaign, state)
     say(used.sentence)
     seed = [state.seed, number, CONFIRM_STREAM]
-    files, status = _drawn(campaign, np.random.default_rng(seed), constraints)
+    files, status = _select_motion(campaign, np.random.default_rng(seed), constraints)
     folder = campaign.proposal(number)
     table = folder / FEEDFORWARD
     write_atomic(table, feedforward_bytes(campaign, files, used.model))
@@ -137,7 +137,7 @@ def _propose(
     return files, status
 
 
-def _drawn(
+def _select_motion(
     campaign: Campaign, rng: np.random.Generator, constraints: Constraints
 ) -> tuple[TrajectoryFiles, str]:
     """The first certified motion of the tests' distribution; otherwise a random one inside the limits."""

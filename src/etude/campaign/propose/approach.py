@@ -144,16 +144,16 @@ def there_and_back(
     out, back = approaches(by_home[0], pose), approaches(by_home[1], pose)
     assert out is not None
     assert back is not None
-    around = [] if clear is None else _around(by_home, pose, approaches, clear)
-    approach = _proved([(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)], limits)
-    returned = _proved([(straight[1],), (by_home[1], back[1]), *(back for _, back in around)], limits)
+    around = [] if clear is None else _routes_by_clear_pose(by_home, pose, approaches, clear)
+    approach = _first_proved([(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)], limits)
+    returned = _first_proved([(straight[1],), (by_home[1], back[1]), *(back for _, back in around)], limits)
     there, again = _labelled("approach", approach), _labelled("return", returned)
-    meet = _meet(approach[-1], led, returned[0])
+    meet = _is_continuous(approach[-1], led, returned[0])
     there = there if before is None else (*there, ("lead-in", before))
     again = again if after is None else (("lead-out", after), *again)
     pieces = [(label, piece) for _, label, piece in motion.pieces()]
     whole = Chain((*there, *pieces, *again)) if meet else None
-    return There(_joined(there), _joined(again), whole)
+    return There(_as_trajectory(there), _as_trajectory(again), whole)
 
 
 MOST_AROUND = 24
@@ -161,7 +161,7 @@ MOST_AROUND = 24
 Legs = tuple[Trajectory, ...]
 
 
-def _around(
+def _routes_by_clear_pose(
     by_home: tuple[Trajectory, Trajectory], pose: Array, approaches: Approaches, clear: Array
 ) -> list[tuple[Legs, Legs]]:
     """Approaches and returns by a clear pose and home, for a pose without a straight path to home."""
@@ -191,17 +191,17 @@ def require_inside(
             )
 
 
-def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) -> tuple[Trajectory, ...]:
+def _first_proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) -> tuple[Trajectory, ...]:
     """The first path that is proved, at full speed if possible; else the error of the straight path."""
     for parts in tried:
         for factor in SLOWER if len(parts) < 3 else SLOWER[:1]:
-            if factor > 1.0 and not all(_rests(part) for part in parts):
+            if factor > 1.0 and not all(_is_at_rest(part) for part in parts):
                 break  # it leads into a motion, whose speed is given
             slowed = tuple(part.slowed(factor) for part in parts)
             if all(certify(part, limits).ok for part in slowed):
                 return slowed
     for part in tried[0]:
-        require_certified(part.slowed(SLOWER[-1]) if _rests(part) else part, limits)
+        require_certified(part.slowed(SLOWER[-1]) if _is_at_rest(part) else part, limits)
     raise AssertionError("an approach that is proved was refused")
 
 
@@ -214,7 +214,7 @@ def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
     return tuple(labelled)
 
 
-def _joined(parts: tuple[Part, ...]) -> Trajectory:
+def _as_trajectory(parts: tuple[Part, ...]) -> Trajectory:
     return parts[0][1] if len(parts) == 1 else Chain(parts)
 
 
@@ -223,11 +223,11 @@ def _ends(motion: Trajectory) -> Array:
     return motion.motion(np.array([0.0, motion.duration]), 3).orders
 
 
-def _rests(motion: Trajectory) -> bool:
+def _is_at_rest(motion: Trajectory) -> bool:
     return bool(np.abs(_ends(motion)[1:]).max() <= JOINED)
 
 
-def _meet(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
+def _is_continuous(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
     """Whether speed and acceleration are continuous where approach, motion and return join."""
     ends = _ends(motion)
     jumps = _ends(approach)[1:, 1] - ends[1:, 0], _ends(back)[1:, 0] - ends[1:, 1]
@@ -328,11 +328,11 @@ def pose_of(campaign: Campaign, start: str) -> Array:
     if start in named:
         return named[start]
     if "=" in start and not Path(start).is_file():
-        return _stated(start, campaign.axes)
+        return _parse_pose(start, campaign.axes)
     return _last_row(Path(start), campaign)
 
 
-def _stated(text: str, axes: tuple[str, ...]) -> Array:
+def _parse_pose(text: str, axes: tuple[str, ...]) -> Array:
     values: dict[str, float] = {}
     for one in text.replace(",", " ").split():
         axis, _, value = one.rpartition("=")

@@ -155,7 +155,9 @@ def presented(
         if approach is None or approach.whole is None
         else (approach.whole, approach.folder)
     )
-    return replace(proposal, exported=_exported(campaign, number, whole, formats, effort), approach=approach)
+    return replace(
+        proposal, exported=_export_formats(campaign, number, whole, formats, effort), approach=approach
+    )
 
 
 # what a plain `ask` does not need is not loaded: it is the command that is run most
@@ -218,7 +220,7 @@ def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Tra
     return check
 
 
-def _exported(
+def _export_formats(
     campaign: Campaign, number: int, whole: tuple[Trajectory, Path], formats: Sequence[str], effort: bool
 ) -> tuple[ExportedMotion, ...]:
     if not formats:
@@ -293,7 +295,7 @@ def _files(
     )
 
 
-def _again(campaign: Campaign, trajectory: Trajectory, constraints: Constraints) -> TrajectoryFiles:
+def _proved_files(campaign: Campaign, trajectory: Trajectory, constraints: Constraints) -> TrajectoryFiles:
     """Files of an open proposal, proved under the description alone if campaign.toml now allows less."""
     try:
         return _files(campaign, trajectory, constraints.limits(campaign), constraints)
@@ -359,7 +361,7 @@ def present(
         motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
             try:
-                files = _again(campaign, motion, constraints)
+                files = _proved_files(campaign, motion, constraints)
             except UnsafeTrajectoryError as problem:
                 raise _outside_now(campaign, number, problem) from None
         else:

@@ -79,15 +79,15 @@ class Constraints:
             described: limits of the description alone; an open proposal is checked against these.
         """
         if described not in self._limits:
-            self._limits[described] = self._made(campaign, self.margins, described)
+            self._limits[described] = self._build_limits(campaign, self.margins, described)
         return self._limits[described]
 
-    def _made(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
+    def _build_limits(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
         of = campaign.described_limits if described else campaign.limits
-        limits, ran = of(margins, self.model(campaign)), self._ran(campaign)
+        limits, ran = of(margins, self.model(campaign)), self._learned_motion(campaign)
         return limits if ran is None else after_run(limits, ran)
 
-    def _ran(self, campaign: Campaign) -> Trajectory | None:
+    def _learned_motion(self, campaign: Campaign) -> Trajectory | None:
         """The motion of the log that the model learned last, if known; a slower copy needs less."""
         if self.number is None or self.model(campaign) is None:
             return None
@@ -119,7 +119,7 @@ class Constraints:
         self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
     ) -> Sequence[Limit]:
         """The robot's limits less the margins, for a receiver that does not know the pieces."""
-        return self._made(campaign, self.margins_of_chain(trajectory), described)
+        return self._build_limits(campaign, self.margins_of_chain(trajectory), described)
 
     def recorded(self, fact: C) -> C:
         """The event with these constraints; without margins it has none."""
@@ -164,7 +164,7 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
         controls: controls of the run; the constraints hold for each. (): feedback alone.
     """
     controls = controls or (FEEDBACK,)
-    by_control = [_under(campaign, state, control) for control in controls]
+    by_control = [_margins_under(campaign, state, control) for control in controls]
     margins = {form: _largest([margins[form] for margins, _ in by_control]) for form in by_control[0][0]}
     by_form = {form: tuple(dict.fromkeys(s for _, of in by_control for s in of[form])) for form in margins}
     number = state.trained[-1].number if state.trained else None
@@ -175,7 +175,7 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
     return Constraints(margins, by_form=by_form, number=number, controls=controls)
 
 
-def _under(
+def _margins_under(
     campaign: Campaign, state: State, control: str
 ) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
     """Margins and their sentences, by form of motion, under one control."""
@@ -183,7 +183,7 @@ def _under(
     forms = list(
         dict.fromkeys([*SINGLE, *(form for r in state.ingested if r.ingested for form in r.ingested.tracked)])
     )
-    required_margins = _meeting(
+    required_margins = _joint_margins(
         margins_of(campaign.config.tracking, ranges, errors, forms, _error_bounds(campaign)), errors
     )
     young = {form for form, tables in errors.items() if control == LEARNED and len(tables) < SETTLED}
@@ -194,7 +194,7 @@ def _under(
         reduced = within_room(table, sure, ranges, campaign.config.tracking.most)
         margins[form] = reduced
         by_form[form] = (
-            *_short(campaign, table, reduced[0]),
+            *_insufficient_margins(campaign, table, reduced[0]),
             *_accelerations(campaign, form, errors.get(form, ())),
             *(last_start if form in errors else ()),
         )
@@ -298,7 +298,7 @@ def ranges_of(campaign: Campaign) -> Ranges:
     return Ranges.of(limits[path], limits.get(rate), home, campaign.channel(path).units)
 
 
-def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
+def _joint_margins(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
     """Margins for forms that occur in one motion: where two forms join, the margins of both apply."""
     position_margins = [margins[form][0][0] for form in errors if form in margins]
     out = {}
@@ -314,7 +314,7 @@ def _error_bounds(campaign: Campaign) -> Array | None:
     return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
 
 
-def _short(campaign: Campaign, needed: Array, available: Array) -> list[str]:
+def _insufficient_margins(campaign: Campaign, needed: Array, available: Array) -> list[str]:
     """A sentence for each margin that exceeds the available range."""
     units = campaign.channel(campaign.kind.path).units
     return [

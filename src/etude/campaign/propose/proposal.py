@@ -151,13 +151,16 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
     )
     times = [piece.duration * np.linspace(0.0, 1.0, LOOKED_AT) for piece in pieces]
     positions = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
-    otherwise = _used_up(limits, pieces, campaign.axes) or NO_TIME
-    held = [_held(reach, positions, j, limits, pieces[0].form) or otherwise for j in range(len(of_range))]
+    otherwise = _exhausted_limits(limits, pieces, campaign.axes) or NO_TIME
+    held = [
+        _obstacle_beyond(reach, positions, j, limits, pieces[0].form) or otherwise
+        for j in range(len(of_range))
+    ]
     rows = zip(campaign.axes, of_range.tolist(), of_clear.tolist(), held, strict=True)
     return tuple(Swept(axis, r, c, "" if r >= WHOLE else why) for axis, r, c, why in rows)
 
 
-def _held(reach: Reachable, positions: Array, j: int, limits: Sequence[Limit], form: str) -> str:
+def _obstacle_beyond(reach: Reachable, positions: Array, j: int, limits: Sequence[Limit], form: str) -> str:
     """The obstacle for the pose farthest out on axis `j`, if this axis alone moves on; "" without one."""
     room = positions[:, j].min() - reach.lower[j], reach.upper[j] - positions[:, j].max()
     at = int(positions[:, j].argmin() if room[0] > room[1] else positions[:, j].argmax())
@@ -173,7 +176,7 @@ def _held(reach: Reachable, positions: Array, j: int, limits: Sequence[Limit], f
     return ""
 
 
-def _used_up(limits: Sequence[Limit], pieces: Sequence[Trajectory], axes: Sequence[str]) -> str:
+def _exhausted_limits(limits: Sequence[Limit], pieces: Sequence[Trajectory], axes: Sequence[str]) -> str:
     """The limits of the whole robot that bound no pose, an energy for example, and that a segment uses up."""
     rows = [
         row

@@ -86,7 +86,7 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Notice]:
     if scored is None:
         return _never_moved(_unmoved(state))
     where = Notice(Phrase.PREDICTED, {"log": scored.number})
-    then = Notice(Phrase.STRUCTURE_THEN, {"structure": _then(scored)})
+    then = Notice(Phrase.STRUCTURE_THEN, {"structure": _structure_before(scored)})
     return _of_figures(state, outputs, _in_use(scored), _scores(scored, "linear").nmse, where, then)
 
 
@@ -136,8 +136,10 @@ def _of_errors(
         where, chosen: phrases for the alert: source of the scores, and structure in use.
         unmoved: outputs whose joints never moved; their alert says so.
     """
-    useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
-    beaten = _named(outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear)
+    useless = _notable_outputs(outputs, used, lambda value, _: value >= NO_BETTER, linear)
+    beaten = _notable_outputs(
+        outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear
+    )
     still = [name for name in outputs if name in unmoved]
     useless, beaten = ([n for n in names if n not in unmoved] for names in (useless, beaten))
     alerts = (
@@ -145,7 +147,10 @@ def _of_errors(
         (
             beaten,
             Notice(
-                Alert.LINEAR_BETTER, {"where": where, "structure": chosen}, _instead(used, linear), "yellow"
+                Alert.LINEAR_BETTER,
+                {"where": where, "structure": chosen},
+                _linear_next_step(used, linear),
+                "yellow",
             ),
         ),
     )
@@ -153,7 +158,7 @@ def _of_errors(
     return [*_never_moved(still), *notices]
 
 
-def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
+def _linear_next_step(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
     """Next step where linear regression errs less; it is selected for all outputs or for none."""
     pairs = list(zip(used, linear, strict=False))
     better = all(u is not None and o is not None and o < min(u, NO_BETTER) for u, o in pairs)
@@ -171,10 +176,10 @@ def coverages(scored: Round) -> Sequence[float | None]:
 
 def _in_use(r: Round) -> PrequentialScore:
     """Scores of the structure in use before this log was learned; empty for the first log."""
-    return _scores(r, _then(r))
+    return _scores(r, _structure_before(r))
 
 
-def _then(r: Round) -> str | None:
+def _structure_before(r: Round) -> str | None:
     """Structure in use before this log was learned."""
     return r.trained.in_use if r.trained else None
 
@@ -183,7 +188,9 @@ def _scores(r: Round, structure: str | None) -> PrequentialScore:
     return r.trained.score_of(structure or "") if r.trained else PrequentialScore()
 
 
-def _named(outputs: Sequence[str], values: Sequence[Any], notable: Any, others: Sequence[Any]) -> list[str]:
+def _notable_outputs(
+    outputs: Sequence[str], values: Sequence[Any], notable: Any, others: Sequence[Any]
+) -> list[str]:
     """Outputs with a notable value, beside that of linear regression; inf where that is unknown."""
     rows = [*others, *[None] * (len(values) - len(others))]
     return [
@@ -207,13 +214,15 @@ def _of_tests(state: State, axes: int) -> list[Notice]:
         if alone and now > alone[-1]:
             fields |= {"alone": alone[-1]}
             notices.append(Notice(Alert.WORSE_THAN_FEEDBACK, fields, NextStep.ASK_LIKE_IT, "red"))
-        elif any(_error(after, axes)[0] > WORSE * _error(before, axes)[0] for before, after in _last(rounds)):
+        elif any(
+            _error(after, axes)[0] > WORSE * _error(before, axes)[0] for before, after in _last_pair(rounds)
+        ):
             fields |= {"before": _error(rounds[-2], axes)[0]}
             notices.append(Notice(Alert.TEST_WORSE, fields, NextStep.SEE_REPAIRS, "yellow"))
     return notices
 
 
-def _last(rounds: Sequence[Evaluated]) -> list[tuple[Evaluated, Evaluated]]:
+def _last_pair(rounds: Sequence[Evaluated]) -> list[tuple[Evaluated, Evaluated]]:
     return list(pairwise(rounds))[-1:]
 
 

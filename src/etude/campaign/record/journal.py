@@ -47,7 +47,7 @@ _UNCHANGED = "The journal is written by etude alone; put it back as it was, from
 
 def chained(text: str, before: Sequence[str]) -> str:
     """The line of a JSON object's `text` after the lines `before`."""
-    open_text = f'{text[:-1]}, "{PREVIOUS}": "{_link(before)}"'
+    open_text = f'{text[:-1]}, "{PREVIOUS}": "{_last_hash(before)}"'
     return f'{open_text}, "{SEAL}": "{_sha256(open_text)}"}}'
 
 
@@ -69,15 +69,17 @@ def check_chain(lines: Sequence[str], path: object) -> None:
             next_step="Restore the line from a copy; or make a new campaign with etude init, and tell it the "
             "logs in runs/.",
         )
-    link = _link([])
+    link = _last_hash([])
     for i, line in enumerate(lines):
         previous, following = _hashes(line)
         if line.endswith("\r"):
-            raise _changed("the line endings of the journal were changed, LF to CRLF", path, i)
+            raise _changed_error("the line endings of the journal were changed, LF to CRLF", path, i)
         if not following:
-            raise _changed("this line of the journal was edited", path, i)
+            raise _changed_error("this line of the journal was edited", path, i)
         if previous != link:
-            raise _changed("a line of the journal was deleted, added or moved just before this one", path, i)
+            raise _changed_error(
+                "a line of the journal was deleted, added or moved just before this one", path, i
+            )
         link = following
 
 
@@ -89,7 +91,7 @@ def _hashes(line: str) -> tuple[str, str]:
     return (match["previous"], _sha256(line)) if match is not None and whole else ("", "")
 
 
-def _link(before: Sequence[str]) -> str:
+def _last_hash(before: Sequence[str]) -> str:
     """The hash of the last line, for the next one."""
     return _sha256(before[-1] if before else "")
 
@@ -99,7 +101,7 @@ def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
 
 
-def _changed(fact: str, path: object, index: int) -> UsageError:
+def _changed_error(fact: str, path: object, index: int) -> UsageError:
     return UsageError(fact, where=f"{path}:{index + 1}", next_step=_UNCHANGED)
 
 

@@ -115,12 +115,12 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
         if _is_before(event, MOUNTING) and MOUNTING in of_robot:
             again = "" if one.open else " --new"
             yield Affected(MOUNTING, what, folder, f"etude ask {typed(campaign.path)}{again}")
-        if _is_before(event, MOVING_END) and _in_motion(certificate):
+        if _is_before(event, MOVING_END) and _ends_in_motion(certificate):
             give_up = f"etude abandon {typed(campaign.path)} {number}, then " if one.open else ""
             yield Affected(MOVING_END, what, folder, f"{give_up}etude ask {typed(campaign.path)} --new")
 
 
-def _in_motion(certificate: Path) -> bool:
+def _ends_in_motion(certificate: Path) -> bool:
     """Whether the certificate says that the motion does not end at rest."""
     try:
         return json.loads(certificate.read_bytes()).get("at_rest") is False
@@ -150,11 +150,11 @@ def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> I
     """Codes of the faults of a training."""
     if MOUNTING in of_robot and _is_before(event, MOUNTING):
         yield MOUNTING
-    if isinstance(event.fact, Trained) and _is_before(event, HELD) and _held(campaign, event.fact.logs):
+    if isinstance(event.fact, Trained) and _is_before(event, HELD) and _is_held(campaign, event.fact.logs):
         yield HELD
 
 
-def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
+def _is_held(campaign: Campaign, numbers: Sequence[int]) -> bool:
     """Whether a joint moved in none of these logs; False if a log cannot be read, which `status` reports."""
     from etude.campaign.record.stored_models import held_commands, stored_log  # only old folders need them
 
@@ -167,7 +167,7 @@ def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
 
 def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
     """Exported models: those in exports/ by their mark, others by the journal."""
-    for place, mark in _exported(campaign):
+    for place, mark in _exported_models(campaign):
         generation, target = int(mark.get("generation", 1)), str(mark.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
@@ -178,7 +178,7 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
             yield Affected(CLAMPED, f"the model for {target}", str(where), again)
 
 
-def _exported(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
+def _exported_models(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
     elsewhere = {
         Path(e.fact.place)
         for e in campaign.events()

@@ -198,24 +198,24 @@ def _apply(state: State, event: Event) -> State:
             return replace(state, promoted=state.promoted[:-1])
         case RobotMotion() as fact:  # changes nothing that is known; its log does
             return replace(state, sent=event if isinstance(fact, MotionSent) else None)
-    return state if event.number is None else _in_round(state, event, event.number)
+    return state if event.number is None else _apply_to_round(state, event, event.number)
 
 
-def _in_round(state: State, event: Event, number: int) -> State:
+def _apply_to_round(state: State, event: Event, number: int) -> State:
     """The state after an event about one trajectory."""
     match event.fact:
         case Abandoned() | Untold():
-            state = _without(state, [number])
+            state = _drop_trainings(state, [number])
         case Changed() as fact:
-            state = _answered(state, fact.aside)
+            state = _with_answer(state, fact.aside)
         case Trained() as fact:
             state = _with_training(state, number, fact.together)
     old = state.rounds.get(number, Round(number))
     order = 1 + len(state.trained) if isinstance(event.fact, Trained) else 0
-    return replace(state, rounds={**state.rounds, number: _next(old, event, order)})
+    return replace(state, rounds={**state.rounds, number: _next_round(old, event, order)})
 
 
-def _next(old: Round, event: Event, order: int) -> Round:
+def _next_round(old: Round, event: Event, order: int) -> Round:
     """The round after one of its events; order: number of a training, if the event is one."""
     match event.fact:
         case Asked() as fact:
@@ -247,9 +247,9 @@ def _with_training(state: State, number: int, together: Iterable[int]) -> State:
     return replace(state, rounds=rounds)
 
 
-def _answered(state: State, excluded: Sequence[int]) -> State:
+def _with_answer(state: State, excluded: Sequence[int]) -> State:
     """The state after the answer: no log awaits one, and `excluded` logs are not learned."""
-    state = _without(state, excluded)
+    state = _drop_trainings(state, excluded)
     rounds = {
         n: replace(r, awaits_answer=False, excluded=r.excluded or n in excluded)
         for n, r in state.rounds.items()
@@ -257,7 +257,7 @@ def _answered(state: State, excluded: Sequence[int]) -> State:
     return replace(state, rounds=rounds)
 
 
-def _without(state: State, numbers: Sequence[int]) -> State:
+def _drop_trainings(state: State, numbers: Sequence[int]) -> State:
     """The state without the trainings that used the logs of `numbers`; other logs must be learned again."""
     orders = {r.number: r.order for r in state.trained}
     dropped = [state.rounds[n] for n in numbers if n in state.rounds]
@@ -270,12 +270,12 @@ def _without(state: State, numbers: Sequence[int]) -> State:
             r,
             trained=None if n in lost else r.trained,
             order=0 if n in lost else r.order,
-            learned_with=_unless(r.learned_with, lost),
+            learned_with=_none_if_lost(r.learned_with, lost),
         )
         for n, r in state.rounds.items()
     }
     return replace(state, rounds=rounds)
 
 
-def _unless(number: int | None, lost: Container[int]) -> int | None:
+def _none_if_lost(number: int | None, lost: Container[int]) -> int | None:
     return None if number in lost else number

@@ -137,7 +137,7 @@ def settle(
     wrong = [path for path, data in contents.items() if not _holds(path, data)]
     # one that holds what is to be written needs no other witness: a writer may have been killed on its way
     held = {names[path]: hashes[names[path]] for path in committed if path in wrong}
-    require_intact(campaign.path, held, next_step or _anew(existing))
+    require_intact(campaign.path, held, next_step or _rewrite_advice(existing))
     if (
         not wrong
         and {names[path]: _digest(data) for path, data in contents.items()}.items() <= hashes.items()
@@ -159,7 +159,7 @@ def settle(
     return (f"Written anew, since {why}: {what}.",)
 
 
-def _anew(there: Sequence[Path]) -> str:
+def _rewrite_advice(there: Sequence[Path]) -> str:
     """Next step for changed files that the same command writes again once all of them are deleted."""
     return (
         "Do not run it. Restore the file from a copy; or delete all that was written with it, and run the "
@@ -232,7 +232,7 @@ def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
     """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it."""
     notices = []
     for name, (then, when) in _last_hashes(events).items():
-        if then not in ("", _now(campaign)[name]):
+        if then not in ("", _current_hashes(campaign)[name]):
             fields = {"file": name, "when": _format_time(when), "folder": str(campaign.path)}
             notices.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
     return notices
@@ -240,12 +240,12 @@ def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
 
 def take_up(campaign: Campaign) -> None:
     """Commits that both files are in use, unless the journal says so. The caller holds the lock."""
-    now = _now(campaign)
+    now = _current_hashes(campaign)
     if any(then != now[name] for name, (then, _) in _last_hashes(campaign.events()).items()):
         campaign.commit(Edited())
 
 
-def _now(campaign: Campaign) -> Mapping[str, str]:
+def _current_hashes(campaign: Campaign) -> Mapping[str, str]:
     return {ROBOT: campaign.robot_sha256, CONFIG: campaign.config_sha256}
 
 

@@ -258,12 +258,12 @@ SIMULATED = "simulated"
 
 def simulated_logs(campaign: Campaign, state: State) -> list[Round]:
     """Used rounds whose log is from `etude simulate`, by number."""
-    return [r for r in state.ingested if _left(campaign, r)]
+    return [r for r in state.ingested if _has_simulated_log(campaign, r)]
 
 
 def real_logs(campaign: Campaign, state: State) -> list[Round]:
     """Used rounds whose log is from elsewhere, by number."""
-    return [r for r in state.ingested if not _left(campaign, r)]
+    return [r for r in state.ingested if not _has_simulated_log(campaign, r)]
 
 
 def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:
@@ -285,5 +285,5 @@ def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:
     return (Notice(Warn.TWO_ROBOTS, fields, NextStep.UNTELL_SIMULATED),)
 
 
-def _left(campaign: Campaign, one: Round) -> bool:
+def _has_simulated_log(campaign: Campaign, one: Round) -> bool:
     return (campaign.path / SIMULATED / f"{one.number:04d}.parquet").is_file()

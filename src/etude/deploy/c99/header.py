@@ -38,11 +38,17 @@ class CForm:
 
 def header(plan: Plan, form: CForm) -> str:
     """NAME.h"""
-    parts = (_use(plan, form), _describe_tables(plan, form), _opening(plan, form), _names(plan), _state(plan))
+    parts = (
+        _usage(plan, form),
+        _describe_tables(plan, form),
+        _opening(plan, form),
+        _names(plan),
+        _state(plan),
+    )
     return "".join([*parts, _functions(plan, form), _CLOSING])
 
 
-def _use(plan: Plan, form: CForm) -> str:
+def _usage(plan: Plan, form: CForm) -> str:
     """What it is and how to call it: the first part of the comment."""
     name, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
@@ -63,7 +69,7 @@ def _use(plan: Plan, form: CForm) -> str:
        }}
 
    The states are those of the motion that is asked for, its set-points: nothing measures accelerations well.
-{_state_notes(plan)}   Call it once for each sample, in the order of time{_remembers(plan)}.
+{_state_notes(plan)}   Call it once for each sample, in the order of time{_memory_note(plan)}.
    Compile {name}.c as C99 and link the mathematical library (-lm); nothing else is needed. There is no
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
    at once; several states may.
@@ -77,7 +83,7 @@ def _describe_tables(plan: Plan, form: CForm) -> str:
     states, commands = parts_in_c(plan)
     return f"""\
    Inputs, in this order, with the range of the data which the model was trained on. Any other may be asked:
-{_far(plan, form)}
+{_outside_note(plan, form)}
 {_inputs(plan, states)}
 
    Commands, in this order, with their limits, to which they are clamped:
@@ -160,7 +166,7 @@ void {name}_init({name}_state *state);
 def _functions(plan: Plan, form: CForm) -> str:
     name = plan.name
     return f"""\
-/* Commands from the states{_faded(form)}. Returns flags. */
+/* Commands from the states{_fading_note(form)}. Returns flags. */
 unsigned {name}_mean({name}_state *state, const {name}_real *input, {name}_real *command);
 
 /* The same of an instant by itself: what friction remembers of the way is left out, and no state is needed.
@@ -189,7 +195,7 @@ def _state_notes(plan: Plan) -> str:
     return "".join(f"   {line}\n" for line in lines)
 
 
-def _remembers(plan: Plan) -> str:
+def _memory_note(plan: Plan) -> str:
     if not plan.memory:
         return ""
     rate = plan.rate
@@ -208,14 +214,14 @@ unsigned {name}_predict({arguments});
     return text + (f"#define {name}_faded {name}_predict\n" if form.fade else "")
 
 
-def _far(plan: Plan, form: CForm) -> str:
+def _outside_note(plan: Plan, form: CForm) -> str:
     """What becomes of commands outside."""
     if not form.fade:
         return "   commands are the mean given the data everywhere, whatever that is worth there."
     return "\n".join(f"   {line}" for line in wrap(_plain(outside_training_sentence(plan.model)), 100))
 
 
-def _faded(form: CForm) -> str:
+def _fading_note(form: CForm) -> str:
     return ", faded by their own deviation" if form.fade else ", the mean given the data"
 
 

@@ -197,9 +197,9 @@ def _sums(plan: Plan, form: CForm, means: list[str]) -> list[str]:
     lines += [f"    safe[{j}] = noise[{j}] = R(0.0);" for j in range(J)] if form.fade else []
     for k, candidate in enumerate(plan.candidates):
         spread = f"variance ? spread{k} : 0" if form.deviations else "0"
-        lines += _enough(plan, k) if form.fade else []
+        lines += _variance_bounds(plan, k) if form.fade else []
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
-        lines += _loose(plan, k) if form.fade else []
+        lines += _mark_bounded(plan, k) if form.fade else []
         safe, level = plan.safe_of[k], level_of(candidate)
         for i, j in enumerate(candidate.commands):
             weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
@@ -213,7 +213,7 @@ def _sums(plan: Plan, form: CForm, means: list[str]) -> list[str]:
                 elif form.fade:
                     lines.append(f"    safe[{j}] += {real(weight * float(level[i]))};")
     lines += [*(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
-    return [*lines, *_exactly(plan)] if form.fade else lines
+    return [*lines, *_exact_variances(plan)] if form.fade else lines
 
 
 def limits(plan: Plan) -> Any:
@@ -224,7 +224,7 @@ def limits(plan: Plan) -> Any:
     return np.minimum(full, np.minimum(plan.model.known * (1.0 + ROUNDING), NEVER))
 
 
-def _enough(plan: Plan, k: int) -> list[str]:
+def _variance_bounds(plan: Plan, k: int) -> list[str]:
     """C that asks candidate k's process for no more than its share of that, noise at rest beside it."""
     candidate, most, lines = plan.candidates[k], limits(plan), []
     for i, (j, pairs) in enumerate(zip(candidate.commands, rests_of(candidate), strict=True)):
@@ -237,7 +237,7 @@ def _enough(plan: Plan, k: int) -> list[str]:
     return [*never, "    if (!exact) {", *lines, "    }"]
 
 
-def _exactly(plan: Plan) -> list[str]:
+def _exact_variances(plan: Plan) -> list[str]:
     """C that sums a variance to its end where a command is in doubt by an upper bound of it."""
     lines = ["    {", "        int again = 0;"]
     for j, most in enumerate(limits(plan)):
@@ -263,7 +263,7 @@ def _exactly(plan: Plan) -> list[str]:
     return [*lines, *_spreads(plan)]
 
 
-def _loose(plan: Plan, k: int) -> list[str]:
+def _mark_bounded(plan: Plan, k: int) -> list[str]:
     """C that notes which commands have a variance that may be an upper bound: no more than what is enough."""
     commands = plan.candidates[k].commands
     lines = [f"        loose[{j}] |= spread{k}[{i}] <= enough{k}[{i}];" for i, j in enumerate(commands)]

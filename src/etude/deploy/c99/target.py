@@ -222,7 +222,7 @@ def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
         match = DEVIATION.search(_run(["./self_test"], folder, good=(0, 1)))
         if match is None:
             raise EtudeError("the exported model's own test says nothing", next_step="Please report it.")
-        return Built(cc, float(match[1]), int(match[2]), max(_text(folder / f"{name}.o") - tables, 0))
+        return Built(cc, float(match[1]), int(match[2]), max(_code_size(folder / f"{name}.o") - tables, 0))
 
 
 def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
@@ -243,7 +243,7 @@ def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
     return done.stdout
 
 
-def _text(path: Path) -> int:
+def _code_size(path: Path) -> int:
     """Bytes of code and constant tables of an object file."""
     if not shutil.which("size"):
         return 0

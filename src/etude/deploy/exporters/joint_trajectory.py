@@ -141,7 +141,7 @@ class JointTrajectoryYaml:
         """
         require_joints(kind, spec, "a JointTrajectory")
         text = _document(knots_of(what, kind, spec, ORDERS))
-        return {FILE: (_head(len(text)) + text).encode()}
+        return {FILE: (_usage_comment(len(text)) + text).encode()}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that joint_trajectory_controller plays."""
@@ -150,7 +150,7 @@ class JointTrajectoryYaml:
         return played([_noun(point) for point in content["points"]])
 
 
-def _head(size: int) -> str:
+def _usage_comment(size: int) -> str:
     lines = [f"{MESSAGE}, to be published once on {TOPIC}."]
     if size < ARGUMENT:
         lines.append(f'ros2 topic pub --once {TOPIC} {MESSAGE} "$(cat {FILE})"')

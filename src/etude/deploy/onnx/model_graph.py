@@ -191,7 +191,7 @@ def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> 
         # what is zero between different points is left out of sums
         terms = [(k, t) for k, t in parts(kernel, theta) if not (sign == "Add" and isinstance(k, RestNoise))]
         values = [covariance(graph, x, k, t, Z) for k, t in terms]
-        return _folded(graph, sign, values)
+        return _fold(graph, sign, values)
     if isinstance(kernel, SquaredExponential):
         scale, lengths = _split(kernel, theta)
         inverse = np.sqrt(0.5) / lengths[:, None, None, :]
@@ -212,7 +212,7 @@ def prior(graph: Graph, x: str, kernel: Kernel, theta: Array) -> str:
     """(n, m), or (1, m) where it is the same everywhere: k(x, x) at x (n, D)."""
     if isinstance(kernel, Sum | Product):
         sign = "Add" if isinstance(kernel, Sum) else "Mul"
-        return _folded(graph, sign, [prior(graph, x, k, t) for k, t in parts(kernel, theta)])
+        return _fold(graph, sign, [prior(graph, x, k, t) for k, t in parts(kernel, theta)])
     if isinstance(kernel, SquaredExponential):
         return graph.constant(_split(kernel, theta)[0][None, :])
     dims = kernel.dims if isinstance(kernel, Linear) else (kernel.column,)  # type: ignore[attr-defined]
@@ -233,7 +233,7 @@ def _rows(graph: Graph, x: str, dims: Sequence[int], width: int) -> str:
     return graph.op("Unsqueeze", columns, np.array([1]))
 
 
-def _folded(graph: Graph, sign: str, values: Sequence[str]) -> str:
+def _fold(graph: Graph, sign: str, values: Sequence[str]) -> str:
     out = values[0]
     for value in values[1:]:
         out = graph.op(sign, out, value)
@@ -264,14 +264,16 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
     assert isinstance(process, Posteriors)
     groups: dict[Any, list[int]] = {}
     for place, posterior in enumerate(process.own):
-        groups.setdefault(_like(posterior), []).append(place)
-    results = [_together(graph, x, [process.own[p] for p in places], variance) for places in groups.values()]
+        groups.setdefault(_group_key(posterior), []).append(place)
+    results = [
+        _group_moments(graph, x, [process.own[p] for p in places], variance) for places in groups.values()
+    ]
     order = np.argsort([place for places in groups.values() for place in places])
     means, variances = [m for m, _ in results], [v for _, v in results]
     return reordered_columns(graph, means, order), reordered_columns(graph, variances, order)
 
 
-def _like(posterior: Any) -> Any:
+def _group_key(posterior: Any) -> Any:
     """Those that are alike are asked at once: a kernel and as many points, or as many frequencies."""
     if isinstance(posterior, SupportsOnnxMoments):
         return type(posterior), posterior.alike
@@ -290,7 +292,7 @@ def reordered_columns(graph: Graph, values: Sequence[str], order: Any) -> str:
     return whole if (order == np.arange(len(order))).all() else graph.columns(whole, order.tolist())
 
 
-def _together(graph: Graph, x: str, posteriors: Sequence[Any], variance: bool) -> Moments:
+def _group_moments(graph: Graph, x: str, posteriors: Sequence[Any], variance: bool) -> Moments:
     if isinstance(posteriors[0], SupportsOnnxMoments):
         return posteriors[0].onnx_moments(graph, x, posteriors, variance)
     theta, Z = np.stack([p.theta for p in posteriors]), np.stack([_points(p) for p in posteriors])
@@ -383,14 +385,14 @@ def written(
     needed("onnx", WRITING)
     graph, J = Graph(dtype), len(parts.model.commands)
     states = _channels(graph, parts, widths)
-    x, physics, after = _drawn(graph, parts, states)
+    x, physics, after = _draw_pieces(graph, parts, states)
     second_moments = variance or fade or beyond
     terms = [_term(graph, x, candidate, physics, second_moments) for candidate in parts.used]
-    command = _sum(graph, [_placed(graph, mean, c, J) for c, mean, _ in terms])
+    command = _sum(graph, [_weighted_columns(graph, mean, c, J) for c, mean, _ in terms])
     spread = _variance(graph, parts.model, terms, command) if second_moments else ""
     unknown = _unknown(graph, parts.model, x, terms, spread) if fade or beyond else None
     if fade and unknown is not None:
-        command = _trusted(Value(graph, command), unknown, parts, physics).name
+        command = _blend(Value(graph, command), unknown, parts, physics).name
     outputs = {"command": (command, J)}
     if variance:
         width = parts.model.width
@@ -413,7 +415,7 @@ def _channels(graph: Graph, parts: Parts, widths: Mapping[str, int]) -> dict[str
     return channels
 
 
-def _drawn(
+def _draw_pieces(
     graph: Graph, parts: Parts, states: Mapping[str, Value]
 ) -> tuple[str, dict[int, Value], list[Value]]:
     """x (n, D), commands (n, J) of each mean, and the memory after of all that remember."""
@@ -458,7 +460,7 @@ def _unknown(graph: Graph, model: LearnedModel, x: str, terms: Sequence[Term], v
     return Value(graph, variance) - noise
 
 
-def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int, Value]) -> Value:
+def _blend(command: Value, unknown: Value, parts: Parts, physics: Mapping[int, Value]) -> Value:
     """(n, J) as `trust.trusted`, blended with physics where they are used, else with a level."""
     J, safe = len(parts.model.commands), command * 0.0
     for candidate in parts.used:
@@ -466,7 +468,7 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
         if behind is not None:
             physical = physics[id(behind)].at(candidate.commands)
             safe = safe + Value(
-                physical.graph, _placed(cast("Graph", physical.graph), physical.name, candidate, J)
+                physical.graph, _weighted_columns(cast("Graph", physical.graph), physical.name, candidate, J)
             )
         else:
             level = np.zeros(J)
@@ -488,7 +490,7 @@ def _outside(graph: Graph, unknown: Value, model: LearnedModel) -> Value:
     return beyond.made("Where", beyond, unknown * 0.0 + 1.0, unknown * 0.0)
 
 
-def _placed(graph: Graph, value: str, candidate: Candidate, J: int) -> str:
+def _weighted_columns(graph: Graph, value: str, candidate: Candidate, J: int) -> str:
     """(n, J) weighted values of a candidate's commands, zero elsewhere."""
     if candidate.commands == tuple(range(J)) and (candidate.weights == 1.0).all():
         return value
@@ -514,7 +516,7 @@ def _variance(graph: Graph, model: LearnedModel, terms: Sequence[Term], command:
         spread = graph.op("Mul", noisy, factor[None, :])
         apart = graph.op("Sub", mean, graph.columns(command, candidate.commands))
         whole = graph.op("Add", spread, graph.op("Mul", apart, apart))
-        parts.append(_placed(graph, whole, candidate, len(model.commands)))
+        parts.append(_weighted_columns(graph, whole, candidate, len(model.commands)))
     variance = _sum(graph, parts)
     if model.least is None:
         return variance

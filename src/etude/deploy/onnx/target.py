@@ -90,13 +90,13 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
 
     data, error = graph(REALS[settings.real])
     if not error <= SMALL[settings.real]:
-        raise _wrong(settings.real, error, graph(np.float64)[1])
+        raise _deviation_error(settings.real, error, graph(np.float64)[1])
     sentences = _describe_graph(parts, takes, settings, len(data), error)
     name = f"{identifier(settings.name or spec.name)}.onnx"
     return Delivered({name: data}, sentences, {"opset": OPSET, "deviation": error, "bytes": len(data)})
 
 
-def _wrong(real: str, error: float, in_double: float) -> EtudeError:
+def _deviation_error(real: str, error: float, in_double: float) -> EtudeError:
     """Why an export is refused: single precision where double is right, else the graph itself."""
     if real == "float" and in_double <= SMALL["double"]:
         return UsageError(

@@ -56,7 +56,7 @@ def trajectories(record: Record) -> Html:
 
 def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     trajectory, certificate = record.trajectory(n), record.certificate(n)
-    parts = _how(record, n)
+    parts = _selection_paragraph(record, n)
     if trajectory is None:
         parts.append(missing_data("The trajectory's file is missing or unreadable."))
     elif len(record.names) != _dimensions(trajectory):
@@ -77,7 +77,7 @@ def _dimensions(trajectory: Trajectory) -> int:
     return int(trajectory.motion(np.zeros(1), 1).orders.shape[2])
 
 
-def _how(record: Record, n: int) -> list[Html]:
+def _selection_paragraph(record: Record, n: int) -> list[Html]:
     asked = record.state.rounds[n].asked
     status = asked.status if asked else ""
     return [paragraph(f"How it was chosen: {status}.".replace("..", "."), class_="soft")] if status else []
@@ -180,7 +180,7 @@ def fractions(title: str, t: Array, values: Array, names: tuple[str, ...], *, si
 def _verdict(certificate: Facts | None) -> str:
     if not certificate:
         return ""
-    uses = [_use(row) for row in certificate["rows"] if row["status"] != "not verified"]
+    uses = [_utilization(row) for row in certificate["rows"] if row["status"] != "not verified"]
     if not certificate.get("ok"):
         return " · NOT proved inside its limits"
     at_rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
@@ -188,7 +188,7 @@ def _verdict(certificate: Facts | None) -> str:
     return f" · proved inside all limits, uses up to {most} % of one{at_rest}"
 
 
-def _use(row: Facts) -> float:
+def _utilization(row: Facts) -> float:
     if row["upper"] == math.inf:
         return use_of_distance(row["lower"], row["proved_lower"])
     half = 0.5 * (row["upper"] - row["lower"])
@@ -201,13 +201,13 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     rows = [row for row in every if row["upper"] != math.inf]
     axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
     # pieces of a chain may have rows of their own: the tightest is shown
-    proofs = {(row["axis"], row["quantity"]): _proof(row) for row in sorted(rows, key=_use)}
+    proofs = {(row["axis"], row["quantity"]): _proof(row) for row in sorted(rows, key=_utilization)}
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
     notices = stated(certificate.get("warnings", ()))
     warnings = [paragraph(str(notice), class_="alert") for notice in notices]
-    details = *distances(every), *_swept(certificate)
+    details = *distances(every), *_swept_table(certificate)
     proved = table(header, body), *details, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
@@ -221,7 +221,7 @@ def _unverified_row(row: Facts) -> str:
     return f"{row['quantity']} of {row['axis']}: {row['method']}."
 
 
-def _swept(certificate: Facts) -> list[Html]:
+def _swept_table(certificate: Facts) -> list[Html]:
     """What part of each axis's range its segments go through; nothing of certificates that do not say."""
     body = [
         [str(row["axis"]), *(f"{100.0 * row[of]:.0f} %" for of in ("of_range", "of_clear")), str(row["held"])]

@@ -45,10 +45,10 @@ def open_engine(
 
 def shard(text: str) -> tuple[int, int]:
     """(i, n) of "i/n", 1 <= i <= n. UsageError: it is no such thing."""
-    found = re.fullmatch(r"(\d+)/(\d+)", text)
-    own, all_ = (int(part) for part in found.groups()) if found else (0, 0)
-    if not 1 <= own <= all_:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    index, all_ = (int(part) for part in match.groups()) if match else (0, 0)
+    if not 1 <= index <= all_:
         raise UsageError(
             f"{text!r} is no shard", where="--shard", next_step="Write i/n with 1 <= i <= n, such as 3/8."
         )
-    return own, all_
+    return index, all_

@@ -37,12 +37,12 @@ class Cluster(Executor):
 
         The cluster also blames calls that such a worker had finished or not begun, so one more try is due.
         """
-        found: Future[Any] = Future()
-        found.set_running_or_notify_cancel()  # what was handed over is cancelled by leaving
+        future: Future[Any] = Future()
+        future.set_running_or_notify_cancel()  # what was handed over is cancelled by leaving
         self._executor.submit(_with_memory_kept, fn, *args, **kwargs).add_done_callback(
-            lambda own: _passed_on(own, found)
+            lambda cluster_future: _passed_on(cluster_future, future)
         )
-        return found
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leaves the cluster, which goes on for others; what it computes for us is cancelled."""
@@ -112,15 +112,15 @@ def _look_at(threads: dict[str, int], tell: Callable[[str], None]) -> None:
         tell("Some workers have several threads, which slow each other down: start them with --nthreads 1.")
 
 
-def _passed_on(own: Future[Any], found: Future[Any]) -> None:
-    if own.cancelled():
-        found.set_exception(EtudeError("the cluster dropped the run, or went away"))
+def _passed_on(cluster_future: Future[Any], future: Future[Any]) -> None:
+    if cluster_future.cancelled():
+        future.set_exception(EtudeError("the cluster dropped the run, or went away"))
         return
-    error = own.exception()
+    error = cluster_future.exception()
     if error is None:
-        found.set_result(own.result())
+        future.set_result(cluster_future.result())
     elif type(error).__name__ == "KilledWorker":
         tries = getattr(error, "allowed_failures", 0) + 1
-        found.set_exception(WorkerDied(f"all {tries} workers that had it died"))
+        future.set_exception(WorkerDied(f"all {tries} workers that had it died"))
     else:
-        found.set_exception(error)
+        future.set_exception(error)

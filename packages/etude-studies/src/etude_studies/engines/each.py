@@ -21,11 +21,11 @@ def each(work: Callable[[C], R], cells: Iterable[C], workers: int | None = None)
         whatever the work raises, at its cell's place; WorkerDied where a process died.
     """
     with Workers(workers) as pool:
-        found: deque[Future[R]] = deque(pool.submit(work, cell) for cell in cells)
+        futures: deque[Future[R]] = deque(pool.submit(work, cell) for cell in cells)
         try:
-            while found:
-                first_done([found[0]])
-                yield found.popleft().result()
+            while futures:
+                first_done([futures[0]])
+                yield futures.popleft().result()
         except Exception:
             pool.shutdown(cancel_futures=True)  # what has begun is finished, and kept in its file
             raise

@@ -15,13 +15,13 @@ from etude_studies.engines.schedule import Event
 @contextmanager
 def progress(console: Console | None = None) -> Iterator[Callable[[Event], None]]:
     """What to give to `run_all` as `tell`; writes to standard error unless a console is given."""
-    own = console or Console(stderr=True)
+    terminal = console or Console(stderr=True)
     began = monotonic()
-    if not own.is_terminal:
-        yield lambda event: own.print(as_line(event, monotonic() - began), highlight=False, markup=False)
+    if not terminal.is_terminal:
+        yield lambda event: terminal.print(as_line(event, monotonic() - began), highlight=False, markup=False)
         return
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=own, transient=True) as shown:
+    with Progress(*columns, console=terminal, transient=True) as shown:
         task = shown.add_task("", total=None, left="")
 
         def tell(event: Event) -> None:

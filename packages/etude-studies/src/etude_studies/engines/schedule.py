@@ -91,8 +91,8 @@ def run_all(
         EtudeError: the folder cannot be written to, or a cluster went away; what was finished is kept.
     """
     remove_old_leftovers(folder)
-    asked = list(dict.fromkeys(specs))
-    return _Schedule(asked, Path(folder), engine, tell, retries, names or {}).run()
+    requested = list(dict.fromkeys(specs))
+    return _Schedule(requested, Path(folder), engine, tell, retries, names or {}).run()
 
 
 def remove_old_leftovers(folder: Path) -> None:
@@ -110,7 +110,7 @@ class _Schedule:
 
     def __init__(
         self,
-        asked: Sequence[Spec],
+        requested: Sequence[Spec],
         folder: Path,
         engine: Engine,
         tell: Callable[[Event], None],
@@ -128,9 +128,9 @@ class _Schedule:
         self._waiting: dict[Spec, None] = {}
         self._flying: dict[Future[Any], Spec] = {}
         present: dict[Spec, bool] = {}
-        for spec in asked:
+        for spec in requested:
             self._plan(spec, present)
-        self._kept = tuple(spec for spec in asked if present[spec])
+        self._present = tuple(spec for spec in requested if present[spec])
         self._total = len(self._waiting)
 
     def _plan(self, spec: Spec, present: dict[Spec, bool]) -> None:
@@ -139,8 +139,8 @@ class _Schedule:
             return
         present[spec] = self._is_there(spec)
         if not present[spec]:
-            for own in spec.needs:
-                self._plan(own, present)
+            for needed in spec.needs:
+                self._plan(needed, present)
             self._waiting[spec] = None
 
     def _is_there(self, spec: Spec) -> bool:
@@ -156,7 +156,7 @@ class _Schedule:
         return True
 
     def run(self) -> Report:
-        there = f", {len(self._kept)} are there already" if self._kept else ""
+        there = f", {len(self._present)} are there already" if self._present else ""
         self._tell(Event(f"{self._total} runs to do{there}", 0, self._total))
         try:
             while self._waiting or self._flying:
@@ -166,7 +166,7 @@ class _Schedule:
         finally:
             for future in self._flying:
                 future.cancel()
-        return Report(tuple(self._ran), self._kept, self._recomputed, self._failed, self._noted)
+        return Report(tuple(self._ran), self._present, self._recomputed, self._failed, self._noted)
 
     def _submit(self) -> None:
         """Hands on what is ready; inline, each is done at once."""
@@ -175,7 +175,7 @@ class _Schedule:
             if len(self._flying) >= self._engine.window:
                 return
             if blocked.isdisjoint(spec.needs):
-                needs = {own.hash: self._table(own) for own in spec.needs}
+                needs = {needed.hash: self._table(needed) for needed in spec.needs}
                 del self._waiting[spec]
                 self._flying[self._engine.submit(carry_out, spec, needs)] = spec
 
@@ -187,38 +187,38 @@ class _Schedule:
 
     def _finish(self, spec: Spec, future: Future[Any]) -> None:
         try:
-            found = future.result()
+            result = future.result()
         except WorkerDied as error:
             self._deaths[spec] = self._deaths.get(spec, 0) + 1
             if self._deaths[spec] <= self._retries:
                 self._say(spec, f"is tried again: {error.fact}")
                 self._waiting = {spec: None, **self._waiting}
                 return
-            found = Failed(f"{error.fact}, {self._deaths[spec]} times")
+            result = Failed(f"{error.fact}, {self._deaths[spec]} times")
         except EtudeError as error:
-            found = Failed(error.fact)
+            result = Failed(error.fact)
         except (
             Exception
         ) as error:  # an engine's own: a module that its workers lack, an answer it cannot carry
-            found = Failed(in_words(error))
-        if isinstance(found, Done):
-            self._keep(spec, found)
+            result = Failed(in_words(error))
+        if isinstance(result, Done):
+            self._keep(spec, result)
         else:
-            self._fail(spec, found.sentence)
+            self._fail(spec, result.sentence)
 
-    def _keep(self, spec: Spec, found: Done) -> None:
-        write_result(result_path(self._folder, spec), found.table, spec, found.made)
+    def _keep(self, spec: Spec, result: Done) -> None:
+        write_result(result_path(self._folder, spec), result.table, spec, result.made)
         self._ran.append(spec)
-        if found.note:
-            self._noted[spec] = found.note
-        note = f"; {found.note}" if found.note else ""
-        self._say(spec, f"{found.made.cpu_s:.0f} s of CPU{note}", found.made.cpu_s)
+        if result.note:
+            self._noted[spec] = result.note
+        note = f"; {result.note}" if result.note else ""
+        self._say(spec, f"{result.made.cpu_s:.0f} s of CPU{note}", result.made.cpu_s)
 
     def _fail(self, spec: Spec, sentence: str) -> None:
         """And with it all that need it, which then cannot be had either."""
         self._failed[spec] = sentence
         self._say(spec, f"failed: {sentence}")
-        for other in [own for own in self._waiting if spec in own.needs]:
+        for other in [waiting for waiting in self._waiting if spec in waiting.needs]:
             if other in self._waiting:
                 del self._waiting[other]
                 self._fail(other, f"it needs {self._name(spec)}, which failed")

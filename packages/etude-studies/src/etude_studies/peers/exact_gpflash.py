@@ -28,12 +28,16 @@ def objective(X: Array, y: Array) -> Callable[[Array], tuple[float, Array]]:
     powers = np.array([2.0, *-np.ones(X.shape[1]), 2.0])  # s0², inverse lengths, sn²
 
     def evaluate(parameters: Array) -> tuple[float, Array]:
-        own = np.exp(powers * parameters)
+        hyperparameters = np.exp(powers * parameters)
         values = gpflash.HpVal()
-        values.hp_sig2_k, values.hp_gamma_vec, values.hp_sig2_f_val = own[0], own[1:-1], own[-1]
-        found = gpflash.eval_mll(data, values, options, return_mll_gradient=True)
-        slope = found.mll_hp_grad_struct
+        values.hp_sig2_k, values.hp_gamma_vec, values.hp_sig2_f_val = (
+            hyperparameters[0],
+            hyperparameters[1:-1],
+            hyperparameters[-1],
+        )
+        result = gpflash.eval_mll(data, values, options, return_mll_gradient=True)
+        slope = result.mll_hp_grad_struct
         gradient = [slope.d_mll_d_hp_sig2_k, *slope.d_mll_d_hp_gamma_vec, slope.d_mll_d_hp_sig2_f_val]
-        return -found.mll, -powers * own * np.array(gradient)
+        return -result.mll, -powers * hyperparameters * np.array(gradient)
 
     return evaluate

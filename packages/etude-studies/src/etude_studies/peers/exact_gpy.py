@@ -23,8 +23,8 @@ def objective(X: Array, y: Array) -> Callable[[Array], tuple[float, Array]]:
     powers = np.array([2.0, *np.ones(X.shape[1]), 2.0])
 
     def evaluate(parameters: Array) -> tuple[float, Array]:
-        own = np.exp(powers * parameters)  # s0², lengths, sn²
-        model[:] = own  # computes everything once
-        return -float(model.log_likelihood()), -powers * own * model.gradient
+        hyperparameters = np.exp(powers * parameters)  # s0², lengths, sn²
+        model[:] = hyperparameters  # computes everything once
+        return -float(model.log_likelihood()), -powers * hyperparameters * model.gradient
 
     return evaluate

@@ -37,7 +37,7 @@ def objective(X: Array, y: Array) -> Callable[[Array], tuple[float, Array]]:
     process = _Process(inputs, outputs).double()
     process.train()
     likelihood = gpytorch.mlls.ExactMarginalLogLikelihood(process.likelihood, process)
-    own = [
+    tensors = [
         process.kernel.raw_outputscale,
         process.kernel.base_kernel.raw_lengthscale,
         process.likelihood.noise_covar.raw_noise,
@@ -47,13 +47,13 @@ def objective(X: Array, y: Array) -> Callable[[Array], tuple[float, Array]]:
     def evaluate(parameters: Array) -> tuple[float, Array]:
         parts = np.split(powers * parameters, [1, 1 + X.shape[1]])
         with torch.no_grad():
-            for tensor, part in zip(own, parts):  # noqa: B905 (any Python)
+            for tensor, part in zip(tensors, parts):  # noqa: B905 (any Python)
                 tensor.copy_(torch.from_numpy(part).reshape(tensor.shape))
         process.zero_grad()
         with _cholesky():
             value = -len(y) * likelihood(process(inputs), outputs)  # it divides by the number of samples
             value.backward()
-        return value.item(), powers * np.concatenate([tensor.grad.numpy().ravel() for tensor in own])
+        return value.item(), powers * np.concatenate([tensor.grad.numpy().ravel() for tensor in tensors])
 
     return evaluate
 

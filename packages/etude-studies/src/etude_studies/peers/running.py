@@ -96,10 +96,10 @@ def in_own_process(python: Path, peer: Peer, X: Array, y: Array) -> Iterator[Run
             return answer
 
         def evaluate(parameters: Array) -> Timed:
-            found = ask({"parameters": parameters.tolist()})
-            return found["value"], np.array(found["gradient"]), found["seconds"]
+            answer = ask({"parameters": parameters.tolist()})
+            return answer["value"], np.array(answer["gradient"]), answer["seconds"]
 
-        found = ask(
+        description = ask(
             {
                 "file": str(peer.file),
                 "distribution": peer.distribution,
@@ -107,7 +107,7 @@ def in_own_process(python: Path, peer: Peer, X: Array, y: Array) -> Iterator[Run
                 "y": y.tolist(),
             }
         )
-        yield Running(_described(peer, found["version"], found["note"], "own process"), evaluate)
+        yield Running(_described(peer, description["version"], description["note"], "own process"), evaluate)
 
 
 @contextmanager

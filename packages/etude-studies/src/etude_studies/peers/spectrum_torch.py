@@ -22,21 +22,21 @@ def objective(X: Array, y: Array) -> Callable[[Array], tuple[float, Array]]:
     inputs, outputs = torch.from_numpy(X), torch.from_numpy(y)
 
     def evaluate(parameters: Array) -> tuple[float, Array]:
-        own = torch.tensor(parameters, dtype=torch.float64, requires_grad=True)
-        value = _negative_log_likelihood(inputs, outputs, own)
+        tensor = torch.tensor(parameters, dtype=torch.float64, requires_grad=True)
+        value = _negative_log_likelihood(inputs, outputs, tensor)
         value.backward()
-        return value.item(), own.grad.numpy()
+        return value.item(), tensor.grad.numpy()
 
     return evaluate
 
 
-def _negative_log_likelihood(X: Any, y: Any, own: Any) -> Any:
+def _negative_log_likelihood(X: Any, y: Any, parameters: Any) -> Any:
     """Thesis 2.4: [yᵀy - bᵀA^-1 b]/(2 sn²) + log|A|/2 - m log(m sn²/s0²) + n/2 log(2π sn²)."""
     n, D = X.shape
-    points = own[D + 2 :].reshape(-1, D)
+    points = parameters[D + 2 :].reshape(-1, D)
     m = len(points)
-    variance, noise = torch.exp(2.0 * own[0]), torch.exp(2.0 * own[D + 1])
-    phases = X @ (points / torch.exp(own[1 : D + 1])).T
+    variance, noise = torch.exp(2.0 * parameters[0]), torch.exp(2.0 * parameters[D + 1])
+    phases = X @ (points / torch.exp(parameters[1 : D + 1])).T
     P = torch.cat([torch.cos(phases), torch.sin(phases)], dim=1)
     ridge = m * noise / variance
     L = torch.linalg.cholesky(P.T @ P + ridge * torch.eye(2 * m, dtype=P.dtype))

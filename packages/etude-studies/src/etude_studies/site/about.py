@@ -34,9 +34,9 @@ def about_page(study: Study) -> Html:
     return page(
         "How to read",
         element("h1", "How to read these pages"),
-        *_words(),
+        *_vocabulary(),
         element("h2", "The rule", id="rule"),
-        *(paragraph(words) for words in RULE),
+        *(paragraph(rule) for rule in RULE),
         _tables(),
         _ambiguities(study),
         _runs(study),
@@ -44,8 +44,8 @@ def about_page(study: Study) -> Html:
     )
 
 
-def _words() -> list[Html]:
-    rows = [[word_chip(word), own.meaning] for word, own in WORDS.items()]
+def _vocabulary() -> list[Html]:
+    rows = [[word_chip(word), term.meaning] for word, term in WORDS.items()]
     return [element("h2", "The words"), table(["word", "meaning"], rows)]
 
 
@@ -67,7 +67,10 @@ def _tables() -> Html:
 
 def _ambiguities(study: Study) -> Html:
     # spans: words that begin with a number are no number
-    rows = [[own.id, own.what, element("span", own.resolution)] for own in study.ledger.ambiguities]
+    rows = [
+        [ambiguity.id, ambiguity.what, element("span", ambiguity.resolution)]
+        for ambiguity in study.ledger.ambiguities
+    ]
     header = ["", "what the thesis leaves open", "how it is read here"]
     return join([element("h2", "What the thesis leaves open", id="open"), table(header, rows)])
 

@@ -50,8 +50,8 @@ def build_site(
     """
     if not {claim.id for claim in ledger.claims} <= {*verdicts}:
         verdicts = {**judge(ledger, results), **verdicts}
-    told = sentences() if what is None else what
-    study = Study(ledger, verdicts, Numbers(results), sensitivity or (), told)
+    descriptions = sentences() if what is None else what
+    study = Study(ledger, verdicts, Numbers(results), sensitivity or (), descriptions)
     folder = Path(folder)
     for name, text in pages(study):
         _write(folder / name, text)
@@ -82,7 +82,7 @@ def pages(study: Study) -> Iterator[tuple[str, str]]:
 
 def recipes(study: Study) -> dict[str, Callable[[], str]]:
     """What makes each of them, by its name."""
-    found: dict[str, Callable[[], str]] = {
+    makers: dict[str, Callable[[], str]] = {
         "style.css": style_sheet,
         "site.js": script,
         INDEX: partial(overview, study),
@@ -90,13 +90,13 @@ def recipes(study: Study) -> dict[str, Callable[[], str]]:
         ABOUT: partial(about_page, study),
     }
     for entry in study.ledger.entries:
-        found[file_of(entry.id)] = partial(entry_page, study, entry)
-        found[f"{downloads.FOLDER}/{entry.id}.csv"] = partial(downloads.entry_csv, study, entry)
-        found[f"{downloads.FOLDER}/{entry.id}.json"] = partial(downloads.entry_json, study, entry)
+        makers[file_of(entry.id)] = partial(entry_page, study, entry)
+        makers[f"{downloads.FOLDER}/{entry.id}.csv"] = partial(downloads.entry_csv, study, entry)
+        makers[f"{downloads.FOLDER}/{entry.id}.json"] = partial(downloads.entry_json, study, entry)
     for claim in study.ledger.claims:
-        found[file_of(claim.id)] = partial(claim_page, study, claim)
-        found[f"{downloads.FOLDER}/{claim.id}.csv"] = partial(downloads.claim_csv, study, claim)
-        found[f"{downloads.FOLDER}/{claim.id}.json"] = partial(downloads.claim_json, study, claim)
+        makers[file_of(claim.id)] = partial(claim_page, study, claim)
+        makers[f"{downloads.FOLDER}/{claim.id}.csv"] = partial(downloads.claim_csv, study, claim)
+        makers[f"{downloads.FOLDER}/{claim.id}.json"] = partial(downloads.claim_json, study, claim)
     for run in study.runs:
-        found[file_of(f"run-{run}")] = partial(run_page, study, run)
-    return found
+        makers[file_of(f"run-{run}")] = partial(run_page, study, run)
+    return makers

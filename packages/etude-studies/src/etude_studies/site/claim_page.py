@@ -52,25 +52,27 @@ FACTOR, DIFFERENCE = "factor; 1 is no difference", "difference; 0 is none"
 def claim_page(study: Study, claim: Claim) -> Html:
     """The whole page."""
     verdict = study.verdicts[claim.id]
-    own = _parts(study, claim)
+    parts = _parts(study, claim)
     return page(
         f"Claim {claim.id}",
         element("h1", f"Claim {claim.id}"),
         paragraph(_about(claim, verdict), class_="soft"),
         element("blockquote", prose(" … ".join(claim.quote))),
-        element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
+        element(
+            "p", chip(verdict), " ", sentence(verdict, _short(study, claim, parts)), class_="lead verdict"
+        ),
         _again(verdict),
         _steps(study, claim, verdict),
         _short_of_seeds(study, claim),
-        _picture(own, verdict),
-        _table(_names(study, claim), own, verdict),
+        _picture(parts, verdict),
+        _table(_names(study, claim), parts, verdict),
         _why(study, claim, verdict),
-        _told(claim),
+        _thesis_notes(claim),
         _command(study, claim, verdict),
         _stability(study, claim, verdict),
         _readings(study, claim, verdict),
         _seeds(study, claim),
-        _tests(own, verdict),
+        _tests(parts, verdict),
     )
 
 
@@ -88,11 +90,11 @@ def _names(study: Study, claim: Claim) -> Names:
     return lambda source: row_name(source, names, study.what)
 
 
-def _short(study: Study, claim: Claim, own: Sequence[tuple[str, Part]]) -> str:
+def _short(study: Study, claim: Claim, parts: Sequence[tuple[str, Part]]) -> str:
     """What the deciding number is of, where it is a plain ratio or a value against a bound."""
     verdict = study.verdicts[claim.id]
     first = deciding(verdict)
-    part = next((asked for asked, found in _matched(own, verdict) if found is first), None)
+    part = next((candidate for candidate, result in _matched(parts, verdict) if result is first), None)
     if part is None:
         return ""
     names = _names(study, claim)
@@ -103,11 +105,11 @@ def _short(study: Study, claim: Claim, own: Sequence[tuple[str, Part]]) -> str:
 
 def _about(claim: Claim, verdict: Verdict) -> Html:
     kind = KINDS[claim.kind]
-    words = [section_name(claim.section), kind]
-    words += ["judged in simulation in place of hardware"] if verdict.simulated else []
-    words += ["exploratory: not among the thesis's own results"] if verdict.exploratory else []
+    phrases = [section_name(claim.section), kind]
+    phrases += ["judged in simulation in place of hardware"] if verdict.simulated else []
+    phrases += ["exploratory: not among the thesis's own results"] if verdict.exploratory else []
     rests = [link(file_of(id), entry_name(id)) for id in claim.rests_on]
-    return join([" · ".join(words), *([Html(" · rests on "), join(rests, ", ")] if rests else [])], "")
+    return join([" · ".join(phrases), *([Html(" · rests on "), join(rests, ", ")] if rests else [])], "")
 
 
 def _parts(study: Study, claim: Claim) -> list[tuple[str, Part]]:
@@ -127,34 +129,40 @@ def _why(study: Study, claim: Claim, verdict: Verdict) -> Html:
     """Of a reversed claim: what was recorded beside, and the readings under which it holds."""
     if verdict.word != "reversed":
         return Html("")
-    own = next((found for id in (claim.id, *claim.alias_of) if (found := study.ledger.why(id))), None)
+    explanation = next(
+        (candidate for id in (claim.id, *claim.alias_of) if (candidate := study.ledger.why(id))), None
+    )
     names, items = _names(study, claim), []
-    for part in own.parts if own else ():
-        said, numbers = compared(part, names), study.recorded(part)
+    for part in explanation.parts if explanation else ():
+        phrase, numbers = compared(part, names), study.recorded(part)
         facts = estimate(numbers) or numbers.reason
-        items.append(element("li", f"{said[:1].upper()}{said[1:]}: {facts}, n = {numbers.seeds}."))
-    told = [paragraph(own.words), element("ul", *items)] if own else []
-    return join([element("h2", "Why"), *told, paragraph(_returns(study, claim))])
+        items.append(element("li", f"{phrase[:1].upper()}{phrase[1:]}: {facts}, n = {numbers.seeds}."))
+    content = [paragraph(explanation.words), element("ul", *items)] if explanation else []
+    return join([element("h2", "Why"), *content, paragraph(_returns(study, claim))])
 
 
 def _returns(study: Study, claim: Claim) -> str:
     """The settings under which the thesis's word returns, among those that have been run."""
-    run = [(own.name, other.word) for own, other in study.readings_of(claim) if shown(other) != NOT_RUN]
-    found = [name for name, word in run if word == "holds"]
-    if not found:
+    run = [
+        (reading.name, other.word) for reading, other in study.readings_of(claim) if shown(other) != NOT_RUN
+    ]
+    settings = [name for name, word in run if word == "holds"]
+    if not settings:
         return f"Settings under which the claim holds: none found among {plural(len(run), 'reading')}."
-    return f"The claim holds under: {'; '.join(found)} ({len(found)} of {plural(len(run), 'reading')})."
+    return f"The claim holds under: {'; '.join(settings)} ({len(settings)} of {plural(len(run), 'reading')})."
 
 
 def _steps(study: Study, claim: Claim, verdict: Verdict) -> Html:
     """The word under the other readings of a step; of one that depends on them the verdict tells."""
     if verdict.word == DEPENDS:
         return Html("")
-    words = [
-        f"{own.name}: {shown(other)}" for own, other in study.readings_of(claim) if own.ambiguity == EQUAL
+    outcomes = [
+        f"{reading.name}: {shown(other)}"
+        for reading, other in study.readings_of(claim)
+        if reading.ambiguity == EQUAL
     ]
-    told = f"Here steps are line searches. Read otherwise: {'; '.join(words)}."
-    return paragraph(told, class_="soft") if words else Html("")
+    note = f"Here steps are line searches. Read otherwise: {'; '.join(outcomes)}."
+    return paragraph(note, class_="soft") if outcomes else Html("")
 
 
 def _short_of_seeds(study: Study, claim: Claim) -> Html:
@@ -166,52 +174,52 @@ def _short_of_seeds(study: Study, claim: Claim) -> Html:
     return paragraph(f"Run so far: {', '.join(lack)}.", class_="soft") if lack else Html("")
 
 
-def _matched(own: Sequence[tuple[str, Part]], verdict: Verdict) -> list[tuple[Part, PartVerdict]]:
+def _matched(parts: Sequence[tuple[str, Part]], verdict: Verdict) -> list[tuple[Part, PartVerdict]]:
     """Each judged part with what was asked: "ratio_each" is judged once for every count."""
-    asked = [part for _, part in own for _ in (part.at if part.statistic == EACH else (0,))]
-    return list(zip(asked, verdict.parts, strict=False))
+    expanded = [part for _, part in parts for _ in (part.at if part.statistic == EACH else (0,))]
+    return list(zip(expanded, verdict.parts, strict=False))
 
 
-def _picture(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+def _picture(parts: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
     """Estimates with intervals, the margin shaded, and what a single run would give in faint lines."""
-    drawn = [_dots(own, verdict, log=log) for log in (True, False)]
+    drawn = [_dots(parts, verdict, log=log) for log in (True, False)]
     shown = [figure(f"estimates {place}", one) for place, one in enumerate(drawn) if one]
     if not shown:
         return Html("")
-    told = "Bars: 95 % interval of the mean; faint: where a single run lies; shaded: counts as equal."
+    caption = "Bars: 95 % interval of the mean; faint: where a single run lies; shaded: counts as equal."
     diamond = " Hollow diamond: the thesis's own number." if any(p.printed for p in verdict.parts) else ""
-    return join([*shown, paragraph(told + diamond, class_="soft")])
+    return join([*shown, paragraph(caption + diamond, class_="soft")])
 
 
-def _dots(own: Sequence[tuple[str, Part]], verdict: Verdict, *, log: bool) -> Html:
-    pairs = [(part, found) for part, found in _matched(own, verdict) if found.log is log]
-    judged = [(part, found) for part, found in pairs if found.estimate is not None]
-    if not judged:
+def _dots(parts: Sequence[tuple[str, Part]], verdict: Verdict, *, log: bool) -> Html:
+    pairs = [(part, result) for part, result in _matched(parts, verdict) if result.log is log]
+    estimated = [(part, result) for part, result in pairs if result.estimate is not None]
+    if not estimated:
         return Html("")
-    dots = [_dot(found) for _, found in judged]
-    margin = judged[0][1].margin if len({found.margin for _, found in judged}) == 1 else None
+    dots = [_dot(result) for _, result in estimated]
+    margin = estimated[0][1].margin if len({result.margin for _, result in estimated}) == 1 else None
     band = None if margin is None else (1.0 / margin, margin) if log else (-margin, margin)
     title, axis = "Estimates", FACTOR if log else DIFFERENCE
     return dot_plot(title, dots, axis=axis, log=log, band=band, centre=1.0 if log else 0.0)
 
 
-def _dot(found: PartVerdict) -> Dot:
-    mean, low, high = (math.nan if v is None else v for v in (found.estimate, found.low, found.high))
-    own = Summary(mean, low, high, found.seeds)
+def _dot(result: PartVerdict) -> Dot:
+    mean, low, high = (math.nan if v is None else v for v in (result.estimate, result.low, result.high))
+    mean_interval = Summary(mean, low, high, result.seeds)
     single = None
-    if found.single_low is not None and found.single_high is not None:
-        single = found.single_low, found.single_high
-    name = f"{_number(found)} {found.word}"
-    return Dot(name, own, found.printed, DOT, single=single)
+    if result.single_low is not None and result.single_high is not None:
+        single = result.single_low, result.single_high
+    name = f"{_number(result)} {result.word}"
+    return Dot(name, mean_interval, result.printed, DOT, single=single)
 
 
-def _number(found: PartVerdict) -> str:
-    return f"({found.part + 1})" + (f" at {found.k}" if found.k is not None else "")
+def _number(result: PartVerdict) -> str:
+    return f"({result.part + 1})" + (f" at {result.k}" if result.k is not None else "")
 
 
-def _table(names: Names, own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+def _table(names: Names, parts: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
     """What is compared, part by part."""
-    items = [element("li", *_item(names, part, found)) for part, found in _matched(own, verdict)]
+    items = [element("li", *_item(names, part, result)) for part, result in _matched(parts, verdict)]
     return (
         join([element("h2", "What is compared"), element("ol", *items, class_="parts")])
         if items
@@ -219,44 +227,44 @@ def _table(names: Names, own: Sequence[tuple[str, Part]], verdict: Verdict) -> H
     )
 
 
-def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
-    said = compared(part, names, found.k)
-    first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
-    if found.estimate is None:
+def _item(names: Names, part: Part, result: PartVerdict) -> list[object]:
+    phrase = compared(part, names, result.k)
+    first = [element("b", _number(result)), f" {phrase[:1].upper()}{phrase[1:]}; {claimed(part)}."]
+    if result.estimate is None:
         return [
             *first,
-            paragraph(word_chip(shown_part(found)), f" {found.reason.removeprefix(f'{NOT_RUN}: ')}."),
+            paragraph(word_chip(shown_part(result)), f" {result.reason.removeprefix(f'{NOT_RUN}: ')}."),
         ]
-    facts = [estimate(found), *filter(None, [level(part, found)])]
-    facts += [f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
-    facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
-    facts += [printed_words(found)] if found.printed is not None else []
-    facts += [f"power {number(found.power, 2)} for {_margin(found)}"] if found.power is not None else []
-    facts += [f"{found.needed} seeds would decide it"] if found.needed else []
-    facts += [] if found.agree else ["the two tests disagree, and the weaker counts"]
-    return [*first, paragraph(word_chip(found.word), " ", "; ".join(facts), ".")]
+    facts = [estimate(result), *filter(None, [level(part, result)])]
+    facts += [f"{result.wins} of {plural(result.seeds, 'seed')} on the claimed side"]
+    facts += [f"{plural(result.failed, 'seed')} without a number"] if result.failed else []
+    facts += [printed_words(result)] if result.printed is not None else []
+    facts += [f"power {number(result.power, 2)} for {_margin(result)}"] if result.power is not None else []
+    facts += [f"{result.needed} seeds would decide it"] if result.needed else []
+    facts += [] if result.agree else ["the two tests disagree, and the weaker counts"]
+    return [*first, paragraph(word_chip(result.word), " ", "; ".join(facts), ".")]
 
 
-def _margin(found: PartVerdict) -> str:
+def _margin(result: PartVerdict) -> str:
     """The smallest effect of interest."""
-    return f"a {'factor' if found.log else 'difference'} of {found.margin:.4g}"
+    return f"a {'factor' if result.log else 'difference'} of {result.margin:.4g}"
 
 
-def _told(claim: Claim) -> Html:
+def _thesis_notes(claim: Claim) -> Html:
     """The thesis's own numbers, notes, and what it says otherwise elsewhere."""
     rows = [("The thesis's own number", claim.thesis), ("How it is read", claim.note)]
     rows += [("The thesis says otherwise", claim.contradicts)]
-    parts = [element("dt", title) + element("dd", prose(words)) for title, words in rows if words]
+    parts = [element("dt", title) + element("dd", prose(content)) for title, content in rows if content]
     return element("dl", *map(Html, parts)) if parts else Html("")
 
 
 def _command(study: Study, claim: Claim, verdict: Verdict) -> Html:
     if claim.untestable:
         return Html("")
-    words, cost = f"etude study run {claim.id}", study.price(claim.id, verdict.block)
-    words += f" --seeds {verdict.block}" if verdict.block else ""
-    told = paragraph(f"The command that computes these numbers again, with as many seeds as planned{cost}:")
-    again = [told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)]
+    line, cost = f"etude study run {claim.id}", study.price(claim.id, verdict.block)
+    line += f" --seeds {verdict.block}" if verdict.block else ""
+    intro = paragraph(f"The command that computes these numbers again, with as many seeds as planned{cost}:")
+    again = [intro, command(line), command(f"etude study show {claim.id}"), data_links(claim.id)]
     return join([*_more_seeds(study, claim, verdict.asks), *again])
 
 
@@ -265,62 +273,64 @@ def _more_seeds(study: Study, claim: Claim, asks: int | None) -> list[Html]:
     if not asks:
         return []
     cost = study.price(claim.id, asks, more=True)
-    told = f"{asks} seeds would decide it at this spread. They count once, all together{cost}:"
+    intro = f"{asks} seeds would decide it at this spread. They count once, all together{cost}:"
     seeds = f"etude study run {claim.id} --seeds {asks} --go-on"
-    return [paragraph(told), command(seeds), command("etude study report --folder results")]
+    return [paragraph(intro), command(seeds), command("etude study report --folder results")]
 
 
 def _stability(study: Study, claim: Claim, verdict: Verdict) -> Html:
     """On how many arms with other gains, friction or noise the word is the same."""
-    words = [shown(other) for own, other in study.readings_of(claim) if own.name.startswith(ON_PLANT)]
-    run = [word for word in words if word != NOT_RUN]
+    outcomes = [
+        shown(other) for reading, other in study.readings_of(claim) if reading.name.startswith(ON_PLANT)
+    ]
+    run = [word for word in outcomes if word != NOT_RUN]
     if not run:
         return Html("")
     same = sum(word == verdict.word for word in run)
-    lack = f"; {len(words) - len(run)} are not run yet" if len(run) < len(words) else ""
-    told = f"The same word on {same} of {len(run)} arms with other gains, friction or noise{lack}."
-    return paragraph(told)
+    lack = f"; {len(outcomes) - len(run)} are not run yet" if len(run) < len(outcomes) else ""
+    note = f"The same word on {same} of {len(run)} arms with other gains, friction or noise{lack}."
+    return paragraph(note)
 
 
-def _lacking(study: Study, claim: Claim, own: Reading) -> str:
+def _lacking(study: Study, claim: Claim, reading: Reading) -> str:
     """A reading not run, with the runs that it lacks, and their cost: that of the runs which they replace."""
-    asked = {run_of(source) for _, part in _parts(study, claim) for source in part.sources}
-    new = {old: own.replace[old] for old in sorted(asked) if old in own.replace}
+    runs = {run_of(source) for _, part in _parts(study, claim) for source in part.sources}
+    new = {old: reading.replace[old] for old in sorted(runs) if old in reading.replace}
     if not new or not all(name in catalogue() for name in new.values()):
-        return own.name
+        return reading.name
     lack = {old: name for old, name in new.items() if name not in study.numbers.results.runs}
     cost = sum(price_s([old], catalogue()[name].seeds, study.numbers.results) for old, name in lack.items())
-    return f"{own.name} ({', '.join(lack.values())}, {number(cost, 2)} s)" if lack else own.name
+    return f"{reading.name} ({', '.join(lack.values())}, {number(cost, 2)} s)" if lack else reading.name
 
 
 def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
     every = study.readings_of(claim)
-    found = [(own, other) for own, other in every if shown(other) != NOT_RUN]
-    rest = [_lacking(study, claim, own) for own, other in every if shown(other) == NOT_RUN]
-    told = "Not run with every side (missing runs, CPU time of those that they replace)"
-    lack = paragraph(f"{told}: {'; '.join(rest)}.", class_="soft") if rest else ""
-    if not found:
+    computed = [(reading, other) for reading, other in every if shown(other) != NOT_RUN]
+    missing = [_lacking(study, claim, reading) for reading, other in every if shown(other) == NOT_RUN]
+    heading = "Not run with every side (missing runs, CPU time of those that they replace)"
+    lack = paragraph(f"{heading}: {'; '.join(missing)}.", class_="soft") if missing else ""
+    if not computed:
         return Html(lack)
     sources = {source for _, part in _parts(study, claim) for source in part.sources}
     rows: list[list[object]] = [["as above", chip(verdict), ""]]
-    for own, other in found:
+    for reading, other in computed:
         part = deciding(other)
         decided = f"{_number(part)}: {estimate(part)}" if part is not None and estimate(part) else ""
-        rows.append([reading_name(own, sources), chip(other), decided])
+        rows.append([reading_name(reading, sources), chip(other), decided])
     header = ["read so", "verdict", "what decides"]
     return folded(
-        "The verdict under other readings", table(header, rows), lack, note=_turns(study, claim, found)
+        "The verdict under other readings", table(header, rows), lack, note=_turns(study, claim, computed)
     )
 
 
-def _turns(study: Study, claim: Claim, found: Sequence[tuple[Reading, Verdict]]) -> str:
+def _turns(study: Study, claim: Claim, computed: Sequence[tuple[Reading, Verdict]]) -> str:
     """Whether another reading has another word."""
     on, word = study.depends(claim), study.verdicts[claim.id].word
     if on:
         return f"depends on: {'; '.join(on)}"
-    others = Counter(other.word for _, other in found if other.word != word)
+    others = Counter(other.word for _, other in computed if other.word != word)
     if others:
-        return ", ".join(f"{n} of {len(found)}: {other}" for other, n in others.items())
+        return ", ".join(f"{n} of {len(computed)}: {other}" for other, n in others.items())
     return "the same word under each of them"
 
 
@@ -330,9 +340,9 @@ def _seeds(study: Study, claim: Claim) -> Html:
     for index, part in enumerate(claim.parts):
         log = in_logs(part)
         strips: list[Strip] = []
-        for found in study.contrasts_of(claim, part):
-            values = {seed: math.exp(x) if log else x for seed, x in found.x.items()}
-            name = f"({index + 1})" + (f" at {found.k}" if found.k is not None else "")
+        for contrast in study.contrasts_of(claim, part):
+            values = {seed: math.exp(x) if log else x for seed, x in contrast.x.items()}
+            name = f"({index + 1})" + (f" at {contrast.k}" if contrast.k is not None else "")
             if values:
                 strips.append((name, values, DOT, {}))
         if strips:
@@ -345,23 +355,23 @@ def _seeds(study: Study, claim: Claim) -> Html:
     return folded("Every seed", join(drawn)) if drawn else Html("")
 
 
-def _tests(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+def _tests(parts: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
     """All numbers of the tests, for who wants to check the rule."""
     rows = [
         [
-            _number(found),
-            _interval(found.low, found.high),
-            _interval(found.narrow_low, found.narrow_high),
-            _interval(found.bca_low, found.bca_high),
-            number(found.sd),
-            f"{number(found.p, 2)} / {number(found.p_permutation, 2)}",
-            f"{number(found.p_adjusted, 2)} / {number(found.p_permutation_adjusted, 2)}",
-            number(found.level, 2),
-            number(found.power, 2),
-            f"{found.seeds} of {found.planned}",
+            _number(result),
+            _interval(result.low, result.high),
+            _interval(result.narrow_low, result.narrow_high),
+            _interval(result.bca_low, result.bca_high),
+            number(result.sd),
+            f"{number(result.p, 2)} / {number(result.p_permutation, 2)}",
+            f"{number(result.p_adjusted, 2)} / {number(result.p_permutation_adjusted, 2)}",
+            number(result.level, 2),
+            number(result.power, 2),
+            f"{result.seeds} of {result.planned}",
         ]
-        for _, found in _matched(own, verdict)
-        if found.word != UNTESTED
+        for _, result in _matched(parts, verdict)
+        if result.word != UNTESTED
     ]
     if not rows:
         return Html("")

@@ -59,7 +59,7 @@ def compared(part: Part, name_of: Names, k: int | None = None) -> str:
         phrase = STATISTICS[part.statistic] + (REST.get(part.statistic, "") if part.b else "")
     names = {name: name_of(source) for name, source in (("a", part.a), ("b", part.b))}
     others = listed([name_of(source) for source in part.among]) if part.among else ""
-    said = phrase.format(
+    filled = phrase.format(
         m=measure_name(part.measure),
         at=after,
         among=others,
@@ -69,7 +69,7 @@ def compared(part: Part, name_of: Names, k: int | None = None) -> str:
         last=_after(part.at[-1:], counted),
         **names,
     )
-    return said.rstrip(", ") + _rest(part, name_of)
+    return filled.rstrip(", ") + _rest(part, name_of)
 
 
 def _rest(part: Part, name_of: Names) -> str:
@@ -91,8 +91,8 @@ def _rest(part: Part, name_of: Names) -> str:
 def claimed(part: Part) -> str:
     """ "claimed to be below 1", ..."""
     centre = "1" if in_logs(part) else "0"
-    words = {"less": f"below {centre}", "more": f"above {centre}", "equal": f"{centre}, within the margin"}
-    return f"claimed to be {words[part.claim]}"
+    phrases = {"less": f"below {centre}", "more": f"above {centre}", "equal": f"{centre}, within the margin"}
+    return f"claimed to be {phrases[part.claim]}"
 
 
 def estimate(part: PartVerdict) -> str:
@@ -108,19 +108,23 @@ def shown_part(part: PartVerdict) -> str:
     return NOT_RUN if part.reason.startswith(NOT_RUN) else part.word
 
 
-def level(part: Part, found: PartVerdict) -> str:
+def level(part: Part, result: PartVerdict) -> str:
     """ "measured 0.95 [0.92, 0.98]", of a value that is set against a bound; else empty."""
-    numbers = (found.estimate, found.low, found.high)
+    numbers = (result.estimate, result.low, result.high)
     if part.statistic not in ("value", "rank") or not part.bound:
         return ""
-    own = [v * part.bound if part.log else v + part.bound for v in numbers if v is not None]
-    return f"measured {number(own[0])} [{number(own[1])}, {number(own[2])}]" if len(own) == 3 else ""
+    measured = [v * part.bound if part.log else v + part.bound for v in numbers if v is not None]
+    return (
+        f"measured {number(measured[0])} [{number(measured[1])}, {number(measured[2])}]"
+        if len(measured) == 3
+        else ""
+    )
 
 
 def evidence(part: PartVerdict) -> str:
     """Estimate, wins and seeds in a few words."""
-    found = estimate(part)
-    return f"{found}, {part.wins} of {plural(part.seeds, 'seed')} on the claimed side" if found else ""
+    effect = estimate(part)
+    return f"{effect}, {part.wins} of {plural(part.seeds, 'seed')} on the claimed side" if effect else ""
 
 
 def deciding(verdict: Verdict) -> PartVerdict | None:
@@ -128,15 +132,16 @@ def deciding(verdict: Verdict) -> PartVerdict | None:
     return next((part for part in verdict.parts if part.word == verdict.word), None)
 
 
-def sentence(verdict: Verdict, said: str = "") -> str:
-    """The verdict as one sentence; `said` is what the deciding number is of."""
+def sentence(verdict: Verdict, subject: str = "") -> str:
+    """The verdict as one sentence; `subject` names the deciding quantity."""
     word = shown(verdict)
     part = deciding(verdict)
     facts = evidence(part) if part is not None else ""
     many = len(verdict.parts)
     if facts and many > 1:
-        counts = Counter(shown_part(own) for own in verdict.parts)
-        facts = f"{facts}. Its {many} comparisons: {', '.join(f'{n} × {own}' for own, n in counts.items())}"
+        counts = Counter(shown_part(outcome) for outcome in verdict.parts)
+        outcomes = ", ".join(f"{n} × {outcome}" for outcome, n in counts.items())
+        facts = f"{facts}. Its {many} comparisons: {outcomes}"
     if word == NOT_RUN or verdict.word == UNTESTED:
         return _capital(verdict.reason.rstrip(".")) + "."
     opening = {
@@ -146,7 +151,7 @@ def sentence(verdict: Verdict, said: str = "") -> str:
         UNDECIDED: "These seeds do not decide it",
         DEPENDS: "It depends on what a step is",
     }[verdict.word]
-    facts = f"{said}: {facts}" if said and facts else facts
+    facts = f"{subject}: {facts}" if subject and facts else facts
     reason = f"; {verdict.reason}" if verdict.reason else ""
     return f"{opening}: {facts}{reason}." if facts else f"{opening}{reason}."
 
@@ -172,5 +177,5 @@ def _after(at: tuple[int, ...], counted: str) -> str:
     return f"{'with' if 'points' in counted else 'after'} {listed(at)} {noun}" if any(at) else ""
 
 
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
+def _capital(phrase: str) -> str:
+    return phrase[:1].upper() + phrase[1:]

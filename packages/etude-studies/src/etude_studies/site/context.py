@@ -36,20 +36,24 @@ class Study:
     @cached_property
     def runs(self) -> tuple[str, ...]:
         """Runs that have a page: those that the ledger names, their motions over time, those of readings."""
-        named = {*self.ledger.runs(), *(run for own in self.readings for run in own.replace.values())}
+        named = {*self.ledger.runs(), *(run for reading in self.readings for run in reading.replace.values())}
         there = (run for run in self.numbers.results.runs if run.removesuffix("t") in named)
         return tuple(sorted({*self.ledger.runs(), *there}))
 
     def readings_of(self, claim: Claim) -> list[tuple[Reading, Verdict]]:
         """Those that touch a claim."""
-        return [(own, own.verdicts[claim.id]) for own in self.readings if claim.id in own.verdicts]
+        return [
+            (reading, reading.verdicts[claim.id]) for reading in self.readings if claim.id in reading.verdicts
+        ]
 
     def depends(self, claim: Claim) -> tuple[str, ...]:
         """Names of the readings under which another of the three words of a decision stands."""
         decided = ("holds", "reversed", "tie")
         word = self.verdicts[claim.id].word
-        others = ((own, verdict.word) for own, verdict in self.readings_of(claim))
-        return tuple(own.name for own, other in others if {word, other} <= set(decided) and word != other)
+        others = ((reading, verdict.word) for reading, verdict in self.readings_of(claim))
+        return tuple(
+            reading.name for reading, other in others if {word, other} <= set(decided) and word != other
+        )
 
     @cached_property
     def planned(self) -> Mapping[str, int]:
@@ -69,8 +73,8 @@ class Study:
 
     def recorded(self, part: Part) -> PartVerdict:
         """The numbers of a quantity that is no test of a claim."""
-        (found,) = contrasts(part, self.numbers, planned=self.planned)
-        return part_verdict(weigh(0, part, found, None))
+        (contrast,) = contrasts(part, self.numbers, planned=self.planned)
+        return part_verdict(weigh(0, part, contrast, None))
 
     def contrasts_of(self, claim: Claim, part: Part) -> tuple[Contrast, ...]:
         """The numbers of every seed that the verdict on a claim counts."""
@@ -79,11 +83,11 @@ class Study:
 
     def names(self, claim: Claim) -> dict[str, str]:
         """Labels that the tables and figures behind a claim give to sources, the first of each."""
-        found: dict[str, str] = {}
+        labels: dict[str, str] = {}
         for id in claim.rests_on:
             for row in self.ledger.entry(id).rows:
-                found.setdefault(row.run, row.label)
-        return found
+                labels.setdefault(row.run, row.label)
+        return labels
 
     def claims_of(self, entry: Entry) -> tuple[Claim, ...]:
         return self.ledger.claims_of(entry.id)

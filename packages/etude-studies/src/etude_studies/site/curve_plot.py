@@ -25,37 +25,37 @@ class Curve:
     """One series: means with a band of their intervals.
 
     Attributes:
-        at: counts. found: summaries at them. printed: the thesis's numbers by count.
+        results: summaries by count. printed: the thesis's numbers by count.
     """
 
     name: str
-    found: Mapping[int, Summary]
+    results: Mapping[int, Summary]
     look: Style
     printed: Mapping[int, float]
     label: str = ""
     style: str = ""
 
     def extent(self) -> tuple[Array, Array]:
-        means = [own.mean for own in self.found.values()]
-        bounds = [v for own in self.found.values() for v in (own.low, own.high)]
+        means = [result.mean for result in self.results.values()]
+        bounds = [v for result in self.results.values() for v in (result.low, result.high)]
         values = [*means, *bounds, *self.printed.values()]
-        at = [*self.found, *self.found, *self.found, *self.printed]
+        at = [*self.results, *self.results, *self.results, *self.printed]
         return np.array(at, dtype=float), np.array(values)
 
     def draw(self, x: Scale, y: Scale) -> str:
-        at = np.array(sorted(self.found), dtype=float)
-        own = [self.found[int(k)] for k in at]
-        low, mean, high = (np.array([getattr(s, n) for s in own]) for n in ("low", "mean", "high"))
+        at = np.array(sorted(self.results), dtype=float)
+        results = [self.results[int(k)] for k in at]
+        low, mean, high = (np.array([getattr(s, n) for s in results]) for n in ("low", "mean", "high"))
         around = polyline(np.concatenate([x(at), x(at[::-1])]), np.concatenate([y(low), y(high[::-1])]))
         band = f'<path class="ci {self.look.colour}" d="{around}Z"/>' if len(at) > 1 else ""
         line = f'<path class="line mark {self.look.colour} {self.look.dash}" d="{polyline(x(at), y(mean))}"/>'
         return band + (line if len(at) > 1 else "") + self._signs(x, y) + self._printed(x, y)
 
     def _signs(self, x: Scale, y: Scale) -> str:
-        places = ((float(x(k)), float(y(own.mean)), k, own) for k, own in self.found.items())
+        places = ((float(x(k)), float(y(result.mean)), k, result) for k, result in self.results.items())
         return "".join(
-            sign(self.look, px, py, f"{self.name} after {k}: {interval_text(own)}, {own.n} seeds", 3.8)
-            for px, py, k, own in places
+            sign(self.look, px, py, f"{self.name} after {k}: {interval_text(result)}, {result.n} seeds", 3.8)
+            for px, py, k, result in places
         )
 
     def _printed(self, x: Scale, y: Scale) -> str:
@@ -80,9 +80,9 @@ class Others:
 
     def draw(self, x: Scale, y: Scale) -> str:
         parts, names = [], []
-        for place, (name, found) in enumerate(self.lines):
-            at = np.array(sorted(found), dtype=float)
-            mean = np.array([found[int(k)].mean for k in at])
+        for place, (name, results) in enumerate(self.lines):
+            at = np.array(sorted(results), dtype=float)
+            mean = np.array([results[int(k)].mean for k in at])
             ends = np.array([x.start, x.end]) if len(at) == 1 else x(at)
             py = y(np.repeat(mean, 2) if len(at) == 1 else mean)
             inside = np.where((py >= y.end - 0.5) & (py <= y.start + 0.5), py, np.nan)
@@ -109,7 +109,7 @@ def curve_plot(
     usable = values[np.isfinite(values)]
     low, high = float(usable.min()), float(usable.max())
     log = low > 0.0 and high > WIDE * low
-    near = [own.mean for _, found in others for own in found.values() if own.mean <= FAR * high]
+    near = [result.mean for _, results in others for result in results.values() if result.mean <= FAR * high]
     limits = _limits([low, high, *near], log=log)
     marks: list[Mark] = [Others(others)]
     marks.extend(curves)
@@ -133,9 +133,9 @@ def letter(place: int) -> str:
 def _names(names: Sequence[tuple[float, str]], x: Scale, y: Scale) -> str:
     """At the right, moved apart where they would overlap, and held beside the panel."""
     placed, below = [], math.inf
-    for py, words in sorted(names, reverse=True):
+    for py, name in sorted(names, reverse=True):
         arrow = "▾" if py > y.start + ALIKE else "▴" if py < y.end - ALIKE else ""
         below = min(min(max(py, y.end), y.start) + 4.0, below - APART)
-        placed.append((below, words + arrow))
+        placed.append((below, name + arrow))
     lift = max(0.0, y.end + 4.0 - below)
-    return "".join(label(x.end + 3.0, py + lift, words, "rule") for py, words in placed)
+    return "".join(label(x.end + 3.0, py + lift, name, "rule") for py, name in placed)

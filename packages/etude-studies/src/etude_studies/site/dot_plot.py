@@ -31,24 +31,24 @@ class Dot:
     """One row.
 
     Attributes:
-        name: above it. found, printed: our number and the thesis's, as far as there are any.
+        name: above it. result, printed: our number and the thesis's, as far as there are any.
         single: the interval of a single run. asked: seeds that have the figure, finite or not.
     """
 
     name: str
-    found: Summary | None
+    result: Summary | None
     printed: float | None
     style: Style
     single: tuple[float, float] | None = None
     asked: int = 0
 
     @property
-    def words(self) -> str:
+    def value_text(self) -> str:
         """The number with its interval, and of how many seeds where not all have one."""
-        if self.found is None:
+        if self.result is None:
             return f"none of {self.asked} seeds" if self.asked else ""
-        some = f", {self.found.n} of {self.asked}" if self.found.n < self.asked else ""
-        return interval_text(self.found) + some
+        some = f", {self.result.n} of {self.asked}" if self.result.n < self.asked else ""
+        return interval_text(self.result) + some
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ def dot_plot(
 
 def _values(dots: Iterable[Dot]) -> Iterable[float]:
     for dot in dots:
-        found = (dot.found.mean, dot.found.low, dot.found.high) if dot.found else ()
-        yield from (v for v in (*found, dot.printed, *(dot.single or ())) if v is not None)
+        interval = (dot.result.mean, dot.result.low, dot.result.high) if dot.result else ()
+        yield from (v for v in (*interval, dot.printed, *(dot.single or ())) if v is not None)
 
 
 def _scale(
@@ -133,7 +133,7 @@ def _levels(rules: Sequence[Rule], scale: Scale) -> tuple[list[int], int]:
     """The row of each name above the drawing, so that none overlaps another; and how many rows there are."""
     ends: list[float] = []
     placed = {}
-    for rule in sorted(rules, key=lambda own: own.value):
+    for rule in sorted(rules, key=lambda item: item.value):
         start, end = _span(rule, scale)
         level = next((i for i, taken in enumerate(ends) if taken + 6.0 < start), len(ends))
         ends[level : level + 1] = [end]
@@ -142,13 +142,13 @@ def _levels(rules: Sequence[Rule], scale: Scale) -> tuple[list[int], int]:
 
 
 def _span(rule: Rule, scale: Scale) -> tuple[float, float]:
-    width = CHARACTER * len(_words(rule))
+    width = CHARACTER * len(_caption(rule))
     middle = float(scale(rule.value))
     start = min(max(middle - width / 2, 2.0), WIDTH - 2.0 - width)
     return start, start + width
 
 
-def _words(rule: Rule) -> str:
+def _caption(rule: Rule) -> str:
     return f"{rule.name} {number(rule.value)}"
 
 
@@ -159,7 +159,7 @@ def _rule(rule: Rule, level: int, scale: Scale, bottom: float) -> str:
 
 def _rule_name(rule: Rule, level: int, scale: Scale) -> str:
     start, end = _span(rule, scale)
-    return label((start + end) / 2, 12.0 + LINE * level, _words(rule), "rule halo", "middle")
+    return label((start + end) / 2, 12.0 + LINE * level, _caption(rule), "rule halo", "middle")
 
 
 def _far(rules: Sequence[Rule], rows: int, scale: Scale) -> list[str]:
@@ -167,17 +167,17 @@ def _far(rules: Sequence[Rule], rows: int, scale: Scale) -> list[str]:
     out = []
     for place, rule in enumerate(rules):
         y, beyond = 12.0 + LINE * (rows + place), rule.value > scale.high
-        words = f"{_words(rule)} ▸" if beyond else f"◂ {_words(rule)}"
-        out.append(label(RIGHT if beyond else LEFT, y, words, "rule", "end" if beyond else "start"))
+        caption = f"{_caption(rule)} ▸" if beyond else f"◂ {_caption(rule)}"
+        out.append(label(RIGHT if beyond else LEFT, y, caption, "rule", "end" if beyond else "start"))
     return out
 
 
 def _row(dot: Dot, top: float, scale: Scale) -> str:
     """Name and numbers above the mark."""
-    words = dot.words
-    room = int((RIGHT - LEFT) / CHARACTER) - len(words) - 1
+    value_text = dot.value_text
+    room = int((RIGHT - LEFT) / CHARACTER) - len(value_text) - 1
     name = dot.name if len(dot.name) <= room else f"{dot.name[: room - 1]}…"
-    number_ = label(RIGHT, top + 15, words, "value halo", "end") if words else ""
+    number_ = label(RIGHT, top + 15, value_text, "value halo", "end") if value_text else ""
     return label(LEFT, top + 15, name, "name halo") + _marks(dot, top + 32.0, scale) + number_
 
 
@@ -188,21 +188,21 @@ def _thin(dot: Dot, top: float, scale: Scale) -> str:
 
 
 def _marks(dot: Dot, y: float, scale: Scale) -> str:
-    parts, found = [], dot.found
+    parts, result = [], dot.result
     if dot.single is not None:
         x0, x1 = (float(v) for v in scale(list(dot.single)))
         parts.append(f'<path class="single mark" d="M{x0:.1f},{y:.1f}H{x1:.1f}"/>')
-    if found is not None:
-        x, x0, x1 = (float(v) for v in scale([found.mean, found.low, found.high]))
-        tip = f"{dot.name}: {interval_text(found)}, {found.n} seeds"
+    if result is not None:
+        x, x0, x1 = (float(v) for v in scale([result.mean, result.low, result.high]))
+        tip = f"{dot.name}: {interval_text(result)}, {result.n} seeds"
         parts += [whisker(dot.style, x0, x1, y), sign(dot.style, x, y, tip)]
     if dot.printed is not None:
         parts.append(printed_sign(float(scale(dot.printed)), y, f"the thesis: {number(dot.printed, 4)}"))
     return "".join(parts)
 
 
-def interval_text(found: Summary) -> str:
+def interval_text(result: Summary) -> str:
     """ "1.02 [0.95, 1.10]"; the number alone for a single seed."""
-    if found.n < 2:
-        return number(found.mean)
-    return f"{number(found.mean)} [{number(found.low)}, {number(found.high)}]"
+    if result.n < 2:
+        return number(result.mean)
+    return f"{number(result.mean)} [{number(result.low)}, {number(result.high)}]"

@@ -55,9 +55,9 @@ def claim_csv(study: Study, claim: Claim) -> str:
 
 def claim_json(study: Study, claim: Claim) -> str:
     """The claim, its verdict, and the verdicts under other readings."""
-    readings = {own.name: verdict.word for own, verdict in study.readings_of(claim)}
-    found = {"claim": claim, "verdict": study.verdicts[claim.id], "readings": readings}
-    return _json(msgspec.to_builtins(found))
+    readings = {reading.name: verdict.word for reading, verdict in study.readings_of(claim)}
+    data = {"claim": claim, "verdict": study.verdicts[claim.id], "readings": readings}
+    return _json(msgspec.to_builtins(data))
 
 
 def _numbers(study: Study, entry: Entry) -> Iterator[tuple[Any, ...]]:
@@ -65,8 +65,8 @@ def _numbers(study: Study, entry: Entry) -> Iterator[tuple[Any, ...]]:
     for source in entry.sources:
         for column in entry.columns:
             measure, part = figure_of(entry, column)
-            for k, own in study.numbers.by_k(source, measure, entry.test, part).items():
-                for seed, value in own.items():
+            for k, by_seed in study.numbers.by_k(source, measure, entry.test, part).items():
+                for seed, value in by_seed.items():
                     yield labels.get(source, ""), source, k, entry.test, measure, part, seed, _short(value)
 
 
@@ -78,18 +78,23 @@ def _contrasts(study: Study, claim: Claim) -> Iterator[tuple[Any, ...]]:
 
 
 def _row(
-    study: Study, entry: Entry, source: str, label: str, told: Mapping[str, float], at: tuple[int, ...]
+    study: Study,
+    entry: Entry,
+    source: str,
+    label: str,
+    printed_numbers: Mapping[str, float],
+    at: tuple[int, ...],
 ) -> dict[str, Any]:
     cells = []
     for column in entry.columns:
         for k in at:
-            own = study.numbers.summary(entry, source, column, k)
-            if own:
-                numbers = {"mean": own.mean, "low": own.low, "high": own.high}
+            result = study.numbers.summary(entry, source, column, k)
+            if result:
+                numbers = {"mean": result.mean, "low": result.low, "high": result.high}
                 cells.append(
-                    {"column": column, "k": k, **{n: _short(v) for n, v in numbers.items()}, "n": own.n}
+                    {"column": column, "k": k, **{n: _short(v) for n, v in numbers.items()}, "n": result.n}
                 )
-    return {"label": label, "source": source, "printed": dict(told), "cells": cells}
+    return {"label": label, "source": source, "printed": dict(printed_numbers), "cells": cells}
 
 
 def _csv(header: tuple[str, ...], rows: Iterator[tuple[Any, ...]]) -> str:
@@ -110,5 +115,5 @@ def _short(value: float) -> float | None:
 
 
 def _parted(links: Iterator[Html]) -> Iterator[object]:
-    for place, own in enumerate(links):
-        yield from ((", ", own) if place else (own,))
+    for place, item in enumerate(links):
+        yield from ((", ", item) if place else (item,))

@@ -43,10 +43,10 @@ def _seeds(study: Study, entry: Entry) -> Html:
         return Html("")
     title = f"Seeds, {column_name(column)}"
     drawn = seed_plot(title, strips, axis=axis_label(entry.measure, entry.unit))
-    told = paragraph(
+    note = paragraph(
         "A point is one seed, a line joins the rows of one seed; under the pointer its number and spec."
     )
-    return folded("Every seed", told, figure("seeds", drawn))
+    return folded("Every seed", note, figure("seeds", drawn))
 
 
 def _tests(study: Study, entry: Entry) -> Html:
@@ -61,8 +61,10 @@ def _tests(study: Study, entry: Entry) -> Html:
     rows = []
     for row in entry.rows:
         k = counts(entry, row)[-1]
-        found = [study.numbers.summary(entry, row.run, column, k, test) for test in tests]
-        rows.append([f"{row.label}, after {k}", *(interval_text(own) if own else "–" for own in found)])
+        results = [study.numbers.summary(entry, row.run, column, k, test) for test in tests]
+        rows.append(
+            [f"{row.label}, after {k}", *(interval_text(result) if result else "–" for result in results)]
+        )
     return folded("Other tests", table(header, rows), note=column_name(column))
 
 
@@ -73,9 +75,11 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
     k, rows = entry.at[-1], []
     column = COLUMN if COLUMN in entry.columns else entry.columns[0]
     for source in entry.sensitivity:
-        own = study.numbers.summary(entry, source, column, k)
+        result = study.numbers.summary(entry, source, column, k)
         name = link(file_of(f"run-{source.partition(':')[0]}"), source_name(source, study.what))
-        rows.append([name, interval_text(own) if own else "not run yet", str(own.n) if own else ""])
+        rows.append(
+            [name, interval_text(result) if result else "not run yet", str(result.n) if result else ""]
+        )
     header = ["run", f"{column_name(column)}, after {k}", "seeds"]
     return folded("Other readings of the thesis", table(header, rows))
 
@@ -83,48 +87,58 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
 def _verdicts(study: Study, entry: Entry) -> Html:
     """Claims of the entry's own section as columns, readings as rows, the verdict under each."""
     claims = [claim for claim in study.claims_of(entry) if claim.section == entry.section and claim.parts]
-    touched = [own for own in study.readings if any(_run_so(own, claim.id) for claim in claims)]
+    touched = [reading for reading in study.readings if any(_run_so(reading, claim.id) for claim in claims)]
     if not touched:
         return Html("")
     header = ["read so", *(link(file_of(claim.id), claim.id) for claim in claims)]
     first = ["as above", *(chip(study.verdicts[claim.id]) for claim in claims)]
     sources = {source for claim in claims for part in claim.parts for source in part.sources}
-    rows = [[reading_name(own, sources), *(_under(own, claim.id) for claim in claims)] for own in touched]
+    rows = [
+        [reading_name(reading, sources), *(_under(reading, claim.id) for claim in claims)]
+        for reading in touched
+    ]
     return folded("The verdicts under other readings", table(header, [first, *rows]))
 
 
-def reading_name(own: Reading, sources: Iterable[str]) -> Html:
+def reading_name(reading: Reading, sources: Iterable[str]) -> Html:
     """A reading with what it reads otherwise, and the runs that take the places of those of `sources`."""
-    asked = {source.partition(":")[0] for source in sources}
-    runs = ", ".join(f"{new} for {old}" for old, new in own.replace.items() if new.isalnum() and old in asked)
-    about = f"{own.ambiguity}: " if own.ambiguity else ""
-    return Html(element("span", f"{about}{own.name}", " ", element("small", runs, class_="soft")))
+    named = {source.partition(":")[0] for source in sources}
+    runs = ", ".join(
+        f"{new} for {old}" for old, new in reading.replace.items() if new.isalnum() and old in named
+    )
+    about = f"{reading.ambiguity}: " if reading.ambiguity else ""
+    return Html(element("span", f"{about}{reading.name}", " ", element("small", runs, class_="soft")))
 
 
-def _run_so(own: Reading, claim: str) -> bool:
-    return claim in own.verdicts and shown(own.verdicts[claim]) != NOT_RUN
+def _run_so(reading: Reading, claim: str) -> bool:
+    return claim in reading.verdicts and shown(reading.verdicts[claim]) != NOT_RUN
 
 
-def _under(own: Reading, claim: str) -> Html:
-    return chip(own.verdicts[claim]) if claim in own.verdicts else Html("–")
+def _under(reading: Reading, claim: str) -> Html:
+    return chip(reading.verdicts[claim]) if claim in reading.verdicts else Html("–")
 
 
 def _ambiguous(study: Study, entry: Entry) -> Html:
     """What the thesis leaves open here, and how it is read."""
-    by_id = {own.id: own for own in study.ledger.ambiguities}
-    found = [by_id[id] for id in entry.ambiguous if id in by_id]
-    if not found:
+    by_id = {ambiguity.id: ambiguity for ambiguity in study.ledger.ambiguities}
+    ambiguities = [by_id[id] for id in entry.ambiguous if id in by_id]
+    if not ambiguities:
         return Html("")
-    items = [join([element("dt", f"{own.id}. {own.what}"), element("dd", own.resolution)]) for own in found]
-    return folded("What the thesis leaves open", element("dl", *items), note=", ".join(o.id for o in found))
+    items = [
+        join([element("dt", f"{ambiguity.id}. {ambiguity.what}"), element("dd", ambiguity.resolution)])
+        for ambiguity in ambiguities
+    ]
+    return folded(
+        "What the thesis leaves open", element("dl", *items), note=", ".join(o.id for o in ambiguities)
+    )
 
 
 def _protocol(study: Study, entry: Entry) -> Html:
     """Every setting of the rows, the hash of every spec, and where all other runs are told of."""
     runs = once(source.partition(":")[0] for source in entry.sources)
-    own = once(row.run.partition(":")[0] for row in entry.rows)
-    parts = [settings_of(study, run) for run in own]
-    others = [link(file_of(f"run-{run}"), run) for run in runs if run not in own]
+    entry_runs = once(row.run.partition(":")[0] for row in entry.rows)
+    parts = [settings_of(study, run) for run in entry_runs]
+    others = [link(file_of(f"run-{run}"), run) for run in runs if run not in entry_runs]
     tail = paragraph("Beside them: ", join(others, ", "), ".") if others else ""
     return folded("Protocol: every setting, and the spec behind every point", *parts, tail)
 
@@ -136,7 +150,9 @@ def settings_of(study: Study, run: str) -> Html:
     if not made:
         return join([title, paragraph("Not run yet.", class_="missing")])
     settings = json.dumps(made.get("settings", {}), indent=1, sort_keys=True, ensure_ascii=False)
-    hashes: Sequence[tuple[str, str]] = sorted(made.get("hashes", {}).items(), key=lambda own: int(own[0]))
-    listed = element("p", *(element("code", f"{seed}: {own}  ") for seed, own in hashes), class_="hashes")
+    hashes: Sequence[tuple[str, str]] = sorted(made.get("hashes", {}).items(), key=lambda pair: int(pair[0]))
+    listed = element(
+        "p", *(element("code", f"{seed}: {digest}  ") for seed, digest in hashes), class_="hashes"
+    )
     spent = f"{made.get('function', '')}, {number(float(made.get('cpu_s', 0.0)))} s of processor time in all"
     return join([title, paragraph(spent, class_="soft"), element("pre", element("code", settings)), listed])

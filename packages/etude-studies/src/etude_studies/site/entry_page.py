@@ -28,7 +28,7 @@ def entry_page(study: Study, entry: Entry) -> Html:
         f"{name}: {entry.title}",
         _top(study, entry, name),
         _answers(study, entry),
-        _said(entry),
+        _thesis_notes(entry),
         pictures(study, entry),
         *_tables(study, entry),
         comparison(study, entry),
@@ -50,14 +50,14 @@ def _top(study: Study, entry: Entry, name: str) -> Html:
 def _answers(study: Study, entry: Entry) -> Html:
     """Claims of the entry's own section that are no repetition; the others folded."""
     claims = study.claims_of(entry)
-    own = [claim for claim in claims if claim.section == entry.section and not claim.alias_of]
-    rest = [claim for claim in claims if claim not in own]
+    direct = [claim for claim in claims if claim.section == entry.section and not claim.alias_of]
+    others = [claim for claim in claims if claim not in direct]
     more = (
-        folded(f"{plural(len(rest), 'claim')} elsewhere that rest on it", *_lines(study, rest))
-        if rest
+        folded(f"{plural(len(others), 'claim')} elsewhere that rest on it", *_lines(study, others))
+        if others
         else ""
     )
-    return element("div", *_lines(study, own), more, class_="answers")
+    return element("div", *_lines(study, direct), more, class_="answers")
 
 
 def _lines(study: Study, claims: Sequence[Claim]) -> list[Html]:
@@ -74,11 +74,11 @@ def _lines(study: Study, claims: Sequence[Claim]) -> list[Html]:
     return out
 
 
-def _said(entry: Entry) -> Html:
-    words = [f"The thesis, in words: {entry.printed_words}."] if entry.printed_words else []
-    words += [ONE_RUN] if entry.kind != "trace" and entry.section != BEYOND else []
-    words += [entry.note] if entry.note else []
-    return paragraph(" ".join(words), class_="soft")
+def _thesis_notes(entry: Entry) -> Html:
+    notes = [f"The thesis, in words: {entry.printed_words}."] if entry.printed_words else []
+    notes += [ONE_RUN] if entry.kind != "trace" and entry.section != BEYOND else []
+    notes += [entry.note] if entry.note else []
+    return paragraph(" ".join(notes), class_="soft")
 
 
 def _tables(study: Study, entry: Entry) -> Sequence[Html]:
@@ -90,24 +90,30 @@ def _tables(study: Study, entry: Entry) -> Sequence[Html]:
             if any(r.printed for r in entry.rows)
             else "The"
         )
-        told = f"{printed} mean over seeds with its 95 % interval."
-        return [paragraph(told, class_="soft"), table_of(study, entry)]
+        caption = f"{printed} mean over seeds with its 95 % interval."
+        return [paragraph(caption, class_="soft"), table_of(study, entry)]
     column = "mean" if "mean" in entry.columns else entry.columns[0]
     label = axis_label(entry.measure, entry.unit)
-    told = f"The {label}: mean over seeds with its 95 % interval, by the number along the figure's axis."
-    return [paragraph(told, class_="soft"), table_over_k(study, entry, column)]
+    caption = f"The {label}: mean over seeds with its 95 % interval, by the number along the figure's axis."
+    return [paragraph(caption, class_="soft"), table_over_k(study, entry, column)]
 
 
 def _again(study: Study, entry: Entry) -> Html:
     seeds = plural(entry.seeds, "seed") + study.price(entry.id, entry.seeds)
-    words = paragraph(f"The command that computes it again, with {seeds}:")
-    return join([words, command(f"{entry.command} --seeds {entry.seeds}"), data_links(entry.id)])
+    intro = paragraph(f"The command that computes it again, with {seeds}:")
+    return join([intro, command(f"{entry.command} --seeds {entry.seeds}"), data_links(entry.id)])
 
 
 def _neighbours(study: Study, entry: Entry) -> Html:
     """The pages before and after this one."""
     entries = study.ledger.entries
     place = entries.index(entry)
-    before = [link(file_of(own.id), f"◂ {entry_name(own.id)}") for own in entries[max(0, place - 1) : place]]
-    after = [link(file_of(own.id), f"{entry_name(own.id)} ▸") for own in entries[place + 1 : place + 2]]
+    before = [
+        link(file_of(neighbour.id), f"◂ {entry_name(neighbour.id)}")
+        for neighbour in entries[max(0, place - 1) : place]
+    ]
+    after = [
+        link(file_of(neighbour.id), f"{entry_name(neighbour.id)} ▸")
+        for neighbour in entries[place + 1 : place + 2]
+    ]
     return element("nav", *before, link(f"{INDEX}#tables", "all tables and figures"), *after, class_="bottom")

@@ -40,10 +40,10 @@ def pictures(study: Study, entry: Entry) -> Html:
     if entry.kind != "curve":
         drawn += [_dots(study, entry, column) for column in columns] or [_all_dots(study, entry)]
     drawn += [_curves(study, entry, column) for column in columns]
-    found = [own for own in drawn if own]
-    if not found:
+    plots = [plot for plot in drawn if plot]
+    if not plots:
         return missing_data("There is nothing to draw yet.")
-    return join([grid(found), _legend(study, entry)])
+    return join([grid(plots), _legend(study, entry)])
 
 
 def joints(study: Study, entry: Entry) -> Html:
@@ -51,8 +51,8 @@ def joints(study: Study, entry: Entry) -> Html:
     if entry.kind == "trace" or "mean" not in entry.columns or len(entry.columns) == 1:
         return Html("")
     draw = _dots if entry.kind != "curve" else _curves
-    found = [draw(study, entry, column) for column in entry.columns if column != "mean"]
-    shown = [own for own in found if own]
+    plots = [draw(study, entry, column) for column in entry.columns if column != "mean"]
+    shown = [plot for plot in plots if plot]
     return folded("Each joint", grid(shown), _legend(study, entry)) if shown else Html("")
 
 
@@ -64,7 +64,7 @@ def _few(entry: Entry) -> Sequence[str]:
 def _dots(study: Study, entry: Entry, column: str) -> Html:
     """Rows of one column."""
     dots = _rows(study, entry, column)
-    if all(dot.found is None and dot.printed is None for dot in dots):
+    if all(dot.result is None and dot.printed is None for dot in dots):
         return Html("")
     title = f"{entry_name(entry.id)}, {column_name(column)}"
     rules = _rules(study, entry, column)
@@ -79,7 +79,7 @@ def _all_dots(study: Study, entry: Entry) -> Html:
         for column in entry.columns
         for place, dot in enumerate(_rows(study, entry, column))
     ]
-    if all(dot.found is None and dot.printed is None for dot in dots):
+    if all(dot.result is None and dot.printed is None for dot in dots):
         return Html("")
     title, axis = f"{entry_name(entry.id)}, all columns", axis_label(entry.measure, entry.unit)
     return figure(
@@ -93,16 +93,16 @@ def _log(entry: Entry) -> bool | None:
 
 
 def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
-    found = [study.numbers.cell(entry, row.run, column, counts(entry, row)[-1]) for row in entry.rows]
+    values = [study.numbers.cell(entry, row.run, column, counts(entry, row)[-1]) for row in entry.rows]
     return [
         Dot(
             row.label,
-            summary(own, logs=entry.in_logs),
+            summary(by_seed, logs=entry.in_logs),
             printed(entry, row).get(column) if entry.unit not in INCOMPARABLE else None,
             style_of(place),
-            asked=len(own),
+            asked=len(by_seed),
         )
-        for place, (row, own) in enumerate(zip(entry.rows, found, strict=True))
+        for place, (row, by_seed) in enumerate(zip(entry.rows, values, strict=True))
     ]
 
 
@@ -116,21 +116,21 @@ def _caption(entry: Entry, column: str) -> str:
 
 
 def _rules(study: Study, entry: Entry, column: str) -> list[Rule]:
-    found = [(own, study.numbers.summary(entry, own, column, entry.at[-1])) for own in entry.lines]
-    return [Rule(line_name(own, study.what), value.mean) for own, value in found if value]
+    results = [(line, study.numbers.summary(entry, line, column, entry.at[-1])) for line in entry.lines]
+    return [Rule(line_name(line, study.what), value.mean) for line, value in results if value]
 
 
 def _curves(study: Study, entry: Entry, column: str) -> Html:
     """Rows over k; those of a table over all counts that are there."""
     curves = [
-        Curve(row.label, found, style_of(place), told)
+        Curve(row.label, results, style_of(place), printed_by_k)
         for place, row in enumerate(entry.rows)
-        if (found := _found(study, entry, row.run, column, counts(entry, row)))
-        for told in [_told(study, entry, row.run, column)]
+        if (results := _summaries(study, entry, row.run, column, counts(entry, row)))
+        for printed_by_k in [_printed_by_k(study, entry, row.run, column)]
     ]
     if not curves:
         return Html("")
-    last = max(k for curve in curves for k in curve.found)
+    last = max(k for curve in curves for k in curve.results)
     others = _others(study, entry, column, last)
     counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
     title = "" if column == "mean" else column_name(column)
@@ -148,11 +148,11 @@ def _curves(study: Study, entry: Entry, column: str) -> Html:
 
 def _others(study: Study, entry: Entry, column: str, last: int) -> list[tuple[str, Mapping[int, Summary]]]:
     """Lines to compare with, up to the last count of the rows."""
-    found = ((line_name(s, study.what), _found(study, entry, s, column, entry.at)) for s in entry.lines)
-    return [(name, {k: own for k, own in by.items() if k <= last}) for name, by in found if by]
+    curves = ((line_name(s, study.what), _summaries(study, entry, s, column, entry.at)) for s in entry.lines)
+    return [(name, {k: result for k, result in by.items() if k <= last}) for name, by in curves if by]
 
 
-def _found(
+def _summaries(
     study: Study, entry: Entry, source: str, column: str, at: tuple[int, ...]
 ) -> Mapping[int, Summary]:
     if entry.kind == "table":
@@ -160,29 +160,29 @@ def _found(
     return study.numbers.curve(entry, source, column, at)
 
 
-def _told(study: Study, entry: Entry, run: str, column: str) -> dict[int, float]:
+def _printed_by_k(study: Study, entry: Entry, run: str, column: str) -> dict[int, float]:
     """Printed numbers of the same run in tables of the same section and measure, by k."""
     alike = [e for e in study.ledger.entries if (e.section, e.measure) == (entry.section, entry.measure)]
     if entry.unit in INCOMPARABLE or (entry.kind == "curve" and entry.in_logs):
         return {}
     return {
-        counts(other, row)[-1]: told[column]
+        counts(other, row)[-1]: numbers[column]
         for other in alike
         for row in other.rows
-        if row.run == run and column in (told := printed(other, row))
+        if row.run == run and column in (numbers := printed(other, row))
     }
 
 
 def _legend(study: Study, entry: Entry) -> Html:
     series = [(row.label, style_of(place)) for place, row in enumerate(entry.rows)]
-    told = entry.unit not in INCOMPARABLE and any(
-        _told(study, entry, row.run, column) for row in entry.rows for column in entry.columns
+    has_printed = entry.unit not in INCOMPARABLE and any(
+        _printed_by_k(study, entry, row.run, column) for row in entry.rows for column in entry.columns
     )
     column = "mean" if "mean" in entry.columns else entry.columns[0]
     lines = [
         (letter(place), name) for place, (name, _) in enumerate(_others(study, entry, column, entry.at[-1]))
     ]
-    return legend(series, printed=told, lines=lines)
+    return legend(series, printed=has_printed, lines=lines)
 
 
 def _traces(study: Study, entry: Entry) -> Html:
@@ -193,12 +193,12 @@ def _traces(study: Study, entry: Entry) -> Html:
     shown: dict[str, Style] = {}
     for row in entry.rows:
         for column in entry.columns:
-            found = traces(study.numbers, entry, row, column)
-            if found:
-                shown |= dict(names(found))
+            recorded = traces(study.numbers, entry, row, column)
+            if recorded:
+                shown |= dict(names(recorded))
                 title = f"{row.label}: {column_name(column)}"
-                own = trace_plot(title, found, axis_label(entry.measure, entry.unit))
-                drawn.append(figure(f"trace {row.run} {column}", own))
+                plot = trace_plot(title, recorded, axis_label(entry.measure, entry.unit))
+                drawn.append(figure(f"trace {row.run} {column}", plot))
     if not shown:
         runs = ", ".join(f"{row.run}t" for row in entry.rows)
         return missing_data(f"No motions over time are kept yet; they come from {runs}.")
@@ -213,8 +213,8 @@ def _joined(study: Study, entry: Entry) -> Html | None:
         rows = [traces(study.numbers, entry, row, column) for row in entry.rows]
         if not all(rows):
             return None
-        own = joined_plot(column_name(column), rows, styles, axis_label(entry.measure, entry.unit))
-        drawn.append(figure(f"trace {column}", own))
+        plot = joined_plot(column_name(column), rows, styles, axis_label(entry.measure, entry.unit))
+        drawn.append(figure(f"trace {column}", plot))
     labels = [(row.label, style) for row, style in zip(entry.rows, styles, strict=True)]
     return join([grid(drawn), legend([*names({"q_des": rows[0]["q_des"]}), *labels])])
 
@@ -226,8 +226,8 @@ def _path(study: Study, entry: Entry) -> Html:
 
 
 def _kernel(study: Study) -> Html:
-    found = [(title, kernel_plot(title, study.numbers, model)) for model, title in DRAWN_POINTS.items()]
-    drawn = [figure(f"kernel {title}", own) for title, own in found if own is not None]
+    plots = [(title, kernel_plot(title, study.numbers, model)) for model, title in DRAWN_POINTS.items()]
+    drawn = [figure(f"kernel {title}", plot) for title, plot in plots if plot is not None]
     if not drawn:
         return Html("")
     return element("div", join(drawn), legend(list(kernel_names())))

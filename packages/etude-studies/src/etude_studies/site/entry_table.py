@@ -43,20 +43,20 @@ def table_over_k(study: Study, entry: Entry, column: str) -> Html:
     sources = [(row.label, row.run, counts(entry, row)) for row in entry.rows]
     sources += [(line_name(s, study.what), s, tuple(at)) for s in once((*entry.lines, *entry.beside))]
     rows = []
-    for name, source, own in sources:
-        found = study.numbers.curve(entry, source, column, own)
-        if not found and (name, source, own) not in sources[: len(entry.rows)]:
+    for name, source, row_counts in sources:
+        results = study.numbers.curve(entry, source, column, row_counts)
+        if not results and (name, source, row_counts) not in sources[: len(entry.rows)]:
             continue
-        cells = [_cell(found.get(k), None, f"after {k}") for k in at]
-        rows.append(element("tr", _name(name, source), *cells, _seeds([*found.values()])))
+        cells = [_cell(results.get(k), None, f"after {k}") for k in at]
+        rows.append(element("tr", _name(name, source), *cells, _seeds([*results.values()])))
     parts = element("thead", head), element("tbody", *rows)
     return element("div", element("table", *parts, class_="values"), class_="scroll")
 
 
 def comparison(study: Study, entry: Entry) -> Html:
     """Every row over the one that the entry names: ratio over paired seeds, and the word on "less"."""
-    found = compared_rows(entry, study.numbers)
-    if not found:
+    parts = compared_rows(entry, study.numbers)
+    if not parts:
         return Html("")
     names = {row.run: row.label for row in entry.rows}
     head = ["", "less?", "ratio", "less in", "adjusted p"]  # the word first: a phone shows two columns
@@ -68,37 +68,37 @@ def comparison(study: Study, entry: Entry) -> Html:
             f"{part.wins} of {plural(part.seeds, 'seed')}",
             "" if part.p_adjusted is None else number(part.p_adjusted),
         ]
-        for run, part in found.items()
+        for run, part in parts.items()
     ]
-    told = paragraph(
+    note = paragraph(
         "The ratio is that of geometric means over paired seeds, with its 95 % interval. All rows are "
         "corrected together; a factor within 1.15 is a tie.",
         class_="soft",
     )
     title = element("h2", f"Compared with {names[entry.against]}")
-    return join([title, told, element("div", table(head, rows), class_="scroll")])
+    return join([title, note, element("div", table(head, rows), class_="scroll")])
 
 
 def _row(study: Study, entry: Entry, row: Row) -> Html:
-    told, k = printed(entry, row), counts(entry, row)[-1]
-    found = [study.numbers.summary(entry, row.run, column, k) for column in entry.columns]
+    printed_numbers, k = printed(entry, row), counts(entry, row)[-1]
+    results = [study.numbers.summary(entry, row.run, column, k) for column in entry.columns]
     most = max(len(study.numbers.cell(entry, row.run, column, k)) for column in entry.columns)
     cells = [
-        _cell(own, told.get(column), column_name(column), of_joints=column == "mean", most=most)
-        for column, own in zip(entry.columns, found, strict=True)
+        _cell(result, printed_numbers.get(column), column_name(column), of_joints=column == "mean", most=most)
+        for column, result in zip(entry.columns, results, strict=True)
     ]
-    return element("tr", _name(row.label, row.run), *cells, _seeds(found, most))
+    return element("tr", _name(row.label, row.run), *cells, _seeds(results, most))
 
 
 def _line(study: Study, entry: Entry, source: str) -> Html:
     """A line's numbers; nothing where there are none."""
     k = entry.at[-1]
-    found = [study.numbers.summary(entry, source, column, k) for column in entry.columns]
-    if not any(found):
+    results = [study.numbers.summary(entry, source, column, k) for column in entry.columns]
+    if not any(results):
         return Html("")
-    cells = [_cell(own, None, column_name(c)) for c, own in zip(entry.columns, found, strict=True)]
+    cells = [_cell(result, None, column_name(c)) for c, result in zip(entry.columns, results, strict=True)]
     return element(
-        "tr", _name(line_name(source, study.what), source), *cells, _seeds(found), class_="line-row"
+        "tr", _name(line_name(source, study.what), source), *cells, _seeds(results), class_="line-row"
     )
 
 
@@ -107,34 +107,36 @@ def _name(label: str, source: str) -> Html:
     return element("th", label, " ", element("small", link(file_of(f"run-{run}"), source)), scope="row")
 
 
-def _heading(words: str, column: str) -> Html:
-    return element("th", words, scope="col", **({"class_": "mean"} if column == "mean" else {}))
+def _heading(title: str, column: str) -> Html:
+    return element("th", title, scope="col", **({"class_": "mean"} if column == "mean" else {}))
 
 
 def _cell(
-    found: Summary | None, told: float | None, name: str, *, of_joints: bool = False, most: int = 0
+    result: Summary | None, printed_number: float | None, name: str, *, of_joints: bool = False, most: int = 0
 ) -> Html:
     """Printed over ours, ours over its interval.
 
     Args:
-        name: the heading on a narrow page. of_joints: `told` is a mean that the thesis does not print.
+        name: the heading on a narrow page. of_joints: the thesis does not print this mean.
         most: seeds of the whole row; fewer of them are said.
     """
     tip = "mean of the printed numbers" if of_joints else "printed in the thesis"
-    words = "" if told is None else f"{told:.{DECIMALS - 1 if of_joints else DECIMALS}f}"
-    parts = [element("span", words, class_="told", title=tip)] if words else []
-    parts.append(element("span", number(found.mean) if found else "–", class_="ours"))
-    if found and found.n > 1:
-        parts.append(element("span", f"[{number(found.low)}, {number(found.high)}]", class_="interval"))
-    if most and (found is None or found.n < most):
-        some = str(found.n) if found else "none"
+    value_text = (
+        "" if printed_number is None else f"{printed_number:.{DECIMALS - 1 if of_joints else DECIMALS}f}"
+    )
+    parts = [element("span", value_text, class_="told", title=tip)] if value_text else []
+    parts.append(element("span", number(result.mean) if result else "–", class_="ours"))
+    if result and result.n > 1:
+        parts.append(element("span", f"[{number(result.low)}, {number(result.high)}]", class_="interval"))
+    if most and (result is None or result.n < most):
+        some = str(result.n) if result else "none"
         parts.append(element("span", f"{some} of {most} seeds", class_="interval"))
     return element("td", *parts, **{"data-column": name})
 
 
-def _seeds(found: Sequence[Summary | None], most: int = 0) -> Html:
-    n = max((own.n for own in found if own), default=most)
-    words = str(n) if n else "not run"
+def _seeds(results: Sequence[Summary | None], most: int = 0) -> Html:
+    n = max((result.n for result in results if result), default=most)
+    content = str(n) if n else "not run"
     return element(
-        "td", element("span", words, class_="n", title=plural(n, "seed")), **{"data-column": "seeds"}
+        "td", element("span", content, class_="n", title=plural(n, "seed")), **{"data-column": "seeds"}
     )

@@ -73,8 +73,8 @@ ORDER: Mapping[str, tuple[str, ...]] = {
 
 def of_claim(ledger: Ledger, claim: Claim) -> Facets:
     """Facets of a claim: of its parts' sources, or of what it says again, or of the entries it rests on."""
-    said = [ledger.claim(id) for id in claim.alias_of] or [claim]
-    sources = [source for one in said for part in one.parts for source in part.sources]
+    claims = [ledger.claim(id) for id in claim.alias_of] or [claim]
+    sources = [source for one in claims for part in one.parts for source in part.sources]
     if not sources:
         sources = [row.run for id in claim.rests_on for row in ledger.entry(id).rows]
     return of_sources(sources) | {"chapter": (chapter(claim.section),)}
@@ -87,15 +87,15 @@ def of_entry(entry: Entry) -> Facets:
 
 def of_sources(sources: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Robot, model and motions, each in its order."""
-    found: dict[str, set[str]] = {"robot": set(), "model": set(), "motions": set()}
+    facets: dict[str, set[str]] = {"robot": set(), "model": set(), "motions": set()}
     for source in sources:
         run, _, line = source.partition(":")
         if run in RUNS_OF_OTHERS and line[:1].isupper():
             run, line = line, ""
-        found["robot"].add(ROBOTS.get(run, ROBOTS.get(run[0], "arm")))
-        found["model"].add(_model(run, line))
-        found["motions"].add(_motions(run))
-    return {name: tuple(v for v in ORDER[name] if v in values) for name, values in found.items()}
+        facets["robot"].add(ROBOTS.get(run, ROBOTS.get(run[0], "arm")))
+        facets["model"].add(_model(run, line))
+        facets["motions"].add(_motions(run))
+    return {name: tuple(v for v in ORDER[name] if v in values) for name, values in facets.items()}
 
 
 def chapter(section: str) -> str:

@@ -43,9 +43,9 @@ def whisker(style: Style, x0: float, x1: float, y: float) -> str:
     return f'<path class="line whisker mark {style.colour}" d="M{x0:.1f},{y:.1f}H{x1:.1f}"/>'
 
 
-def label(x: float, y: float, words: str, class_: str = "name", anchor: str = "start") -> str:
+def label(x: float, y: float, content: str, class_: str = "name", anchor: str = "start") -> str:
     """Text on a drawing."""
-    return f'<text class="{class_}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text(words)}</text>'
+    return f'<text class="{class_}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text(content)}</text>'
 
 
 def drawing(title: str, height: float, content: str, width: int = WIDTH) -> Html:

@@ -12,17 +12,17 @@ POWER = re.compile(r"\^\{?([\d-]+)\}?")
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
-def prose(words: str) -> Html:
+def prose(source: str) -> Html:
     """Words whose $formulas$ a browser draws by itself: no script, no fonts, no network."""
-    parts = words.split("$")
+    parts = source.split("$")
     return join([element("math", *_row(part)) if i % 2 else part for i, part in enumerate(parts)], "")
 
 
-def plain(words: str) -> str:
+def plain(source: str) -> str:
     """The same for a terminal or Markdown: "$O(nm^2)$" as "O(nm²)"."""
-    parts = words.split("$")
+    parts = source.split("$")
     return "".join(
-        POWER.sub(lambda own: own[1].translate(RAISED), part) if i % 2 else part
+        POWER.sub(lambda match: match[1].translate(RAISED), part) if i % 2 else part
         for i, part in enumerate(parts)
     )
 
@@ -33,5 +33,5 @@ def _row(formula: str) -> list[Html]:
 
 def _atom(base: str, power: str) -> Html:
     kind = "mi" if base.isalpha() else "mn" if base[0].isdigit() else "mo"
-    own = element(kind, base)
-    return element("msup", own, element("mrow", *_row(power))) if power else own
+    node = element(kind, base)
+    return element("msup", node, element("mrow", *_row(power))) if power else node

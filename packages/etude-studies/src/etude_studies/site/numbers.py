@@ -76,8 +76,8 @@ class Numbers:
 
     def curve(self, entry: Entry, source: str, column: str, at: tuple[int, ...]) -> dict[int, Summary]:
         """Summaries at those counts `at` that are there."""
-        found = {k: self.summary(entry, source, column, k) for k in at}
-        return {k: own for k, own in found.items() if own is not None}
+        results = {k: self.summary(entry, source, column, k) for k in at}
+        return {k: result for k, result in results.items() if result is not None}
 
     def values(self, source: str, measure: str, k: int, test: str, part: str) -> BySeed:
         """One figure of every seed that has it (implements `contrasts.Values`)."""
@@ -113,18 +113,18 @@ def printed(entry: Entry, row: Row) -> dict[str, float]:
     named = [column for column in entry.columns if column != "mean"]
     if not row.printed:
         return {}
-    found = dict(zip(named, row.printed, strict=True))
+    numbers = dict(zip(named, row.printed, strict=True))
     if "mean" in entry.columns:
-        found["mean"] = math.fsum(row.printed) / len(row.printed)
-    return found
+        numbers["mean"] = math.fsum(row.printed) / len(row.printed)
+    return numbers
 
 
 def _by_figure(run: str, table: Any) -> Iterator[tuple[tuple[str, ...], Mapping[int, BySeed]]]:
     """Key (run, model, measure, test, part) and its numbers by k and seed."""
     names = ["model", "measure", "test", "part"]
-    for key, own in table.sort("k", "seed").partition_by(names, as_dict=True).items():
+    for key, group in table.sort("k", "seed").partition_by(names, as_dict=True).items():
         by_k: dict[int, dict[int, float]] = {}
-        columns = own["k"].to_list(), own["seed"].to_list(), own["value"].to_list()
+        columns = group["k"].to_list(), group["seed"].to_list(), group["value"].to_list()
         for k, seed, value in zip(*columns, strict=True):
             by_k.setdefault(k, {})[seed] = math.nan if value is None else float(value)
         yield (run, *(str(part) for part in key)), by_k

@@ -35,14 +35,14 @@ SECTIONS: Mapping[str, str] = {
 
 def overview(study: Study) -> Html:
     """The whole page."""
-    words = Counter(shown(study.verdicts[claim.id]) for claim in _distinct(study))
+    tally = Counter(shown(study.verdicts[claim.id]) for claim in _distinct(study))
     return page(
         TITLE,
         element("h1", TITLE),
         paragraph(f"{SOURCE}; every claim, table and figure, run again with seeds.", class_="soft"),
-        _counts(words),
-        _told(study, words),
-        _filters(study, words),
+        _counts(tally),
+        _totals(study, tally),
+        _filters(study, tally),
         element("h2", "Claims", id="claims"),
         element("p", f"{len(study.ledger.claims)} claims", class_="soft", id="count", role="status"),
         paragraph(NUMBERS, class_="soft"),
@@ -58,25 +58,25 @@ def _distinct(study: Study) -> list[Claim]:
     return [claim for claim in study.ledger.claims if not claim.alias_of]
 
 
-def _counts(words: Counter[str]) -> Html:
+def _counts(tally: Counter[str]) -> Html:
     """A card for each word; what cannot be tested and what has not been run are told apart."""
     cards = []
-    for word, own in WORDS.items():
-        mark = element("i", own.mark, **{"aria-hidden": "true"})
-        inside = element("b", str(words[word])), element("span", mark, f" {word}")
-        where = f"#verdict={own.name}"
-        cards.append(element("a", *inside, class_=f"count {own.name}", href=where, title=own.meaning))
+    for word, term in WORDS.items():
+        mark = element("i", term.mark, **{"aria-hidden": "true"})
+        inside = element("b", str(tally[word])), element("span", mark, f" {word}")
+        where = f"#verdict={term.name}"
+        cards.append(element("a", *inside, class_=f"count {term.name}", href=where, title=term.meaning))
     return element("div", *cards, class_="counts", role="list")
 
 
-def _told(study: Study, words: Counter[str]) -> Html:
-    judged = sum(n for word, n in words.items() if word not in (NOT_RUN, UNTESTED))
+def _totals(study: Study, tally: Counter[str]) -> Html:
+    answered = sum(n for word, n in tally.items() if word not in (NOT_RUN, UNTESTED))
     runs = [run for run in study.runs if study.numbers.made(run)]
     seeds = sum(len(study.numbers.made(run).get("hashes", {})) for run in runs)
     hours = sum(float(study.numbers.made(run).get("cpu_s", 0.0)) for run in runs) / 3600.0
-    said = (
-        f"Of {len(_distinct(study))} distinct claims {judged} are answered, from {plural(len(runs), 'run')} "
-        f"with {plural(seeds, 'result')} in all. "
+    totals = (
+        f"Of {len(_distinct(study))} distinct claims {answered} are answered, "
+        f"from {plural(len(runs), 'run')} with {plural(seeds, 'result')} in all. "
         f"{len(study.ledger.claims) - len(_distinct(study))} more say one of them again. "
         f"“{NOT_RUN.capitalize()}”: their runs are missing or not complete, so they cannot be tested yet. "
     )
@@ -85,19 +85,19 @@ def _told(study: Study, words: Counter[str]) -> Html:
         class_="soft",
     )
     rule = link(ABOUT, "What the words mean, and how they are decided.")
-    return join([paragraph(said, rule), again, command("etude study run all")])
+    return join([paragraph(totals, rule), again, command("etude study run all")])
 
 
-def _filters(study: Study, words: Counter[str]) -> Html:
+def _filters(study: Study, tally: Counter[str]) -> Html:
     """Rows of buttons, which the script brings to life, and a search; hidden where there is no script."""
     rows = [
-        _group("verdict", [(own.name, f"{own.mark} {word}") for word, own in WORDS.items() if words[word]])
+        _group("verdict", [(term.name, f"{term.mark} {word}") for word, term in WORDS.items() if tally[word]])
     ]
-    seen = [facets.of_claim(study.ledger, claim) for claim in study.ledger.claims]
-    seen += [facets.of_entry(entry) for entry in study.ledger.entries]
+    all_facets = [facets.of_claim(study.ledger, claim) for claim in study.ledger.claims]
+    all_facets += [facets.of_entry(entry) for entry in study.ledger.entries]
     for name in list(facets.NAMES)[1:]:
-        found = {value for own in seen for value in own[name]}
-        rows.append(_group(name, [(value, value) for value in facets.ORDER[name] if value in found]))
+        present = {value for facet in all_facets for value in facet[name]}
+        rows.append(_group(name, [(value, value) for value in facets.ORDER[name] if value in present]))
     label = element("label", "Search ", Html('<input type="search" id="search" autocomplete="off">'))
     clear = element("button", "Show all", type="button", id="clear")
     return element(
@@ -110,11 +110,11 @@ def _group(name: str, values: Iterable[tuple[str, str]]) -> Html:
     buttons = [
         element(
             "button",
-            shown_as.get(words, words),
+            shown_as.get(caption, caption),
             type="button",
             **{"aria-pressed": "false", "data-facet": name, "data-value": value},
         )
-        for value, words in values
+        for value, caption in values
     ]
     return element("fieldset", element("legend", facets.NAMES[name]), *buttons)
 
@@ -164,16 +164,18 @@ def _entry(study: Study, entry: Entry) -> Html:
         element("a", chip(study.verdicts[claim.id]), href=file_of(claim.id), title=claim.id)
         for claim in claims
     ]
-    words = " ".join(dict.fromkeys(WORDS[shown(study.verdicts[claim.id])].name for claim in claims))
+    names = " ".join(dict.fromkeys(WORDS[shown(study.verdicts[claim.id])].name for claim in claims))
     inside = [
         element("span", link(file_of(entry.id), entry_name(entry.id)), class_="id"),
         element("span", entry.title),
         element("span", join(chips, " "), class_="word"),
     ]
-    return element("li", *inside, **_data(facets.of_entry(entry), words))
+    return element("li", *inside, **_data(facets.of_entry(entry), names))
 
 
-def _data(found: facets.Facets, verdict: str) -> dict[str, str]:
+def _data(by_name: facets.Facets, verdict: str) -> dict[str, str]:
     """Attributes that the script filters by; several values of one are parted by a bar."""
-    values = {name: "|".join(own) for name, own in found.items()} | {"verdict": verdict.replace(" ", "|")}
+    values = {name: "|".join(group) for name, group in by_name.items()} | {
+        "verdict": verdict.replace(" ", "|")
+    }
     return {f"data-{name}": value for name, value in values.items()}

@@ -20,32 +20,36 @@ def page(title: str, *body: object, here: str = "") -> Html:
     """A whole document; `here` is its file, which the row of links does not link to."""
     pages = (*LINKS, (ABOUT, "How to read"))
     links = [
-        element("a", words, href=where) if where != here else element("b", words) for where, words in pages
+        element("a", caption, href=where) if where != here else element("b", caption)
+        for where, caption in pages
     ]
     main = Html(f"<main>\n{element('nav', *links, class_='top')}\n{join(body)}\n</main>")
-    style, own = Html('<link rel="stylesheet" href="style.css">'), Html('<script src="site.js"></script>')
-    return document(f"{title} · Étude", style, main, own)
+    style, script_tag = (
+        Html('<link rel="stylesheet" href="style.css">'),
+        Html('<script src="site.js"></script>'),
+    )
+    return document(f"{title} · Étude", style, main, script_tag)
 
 
 def style_sheet() -> str:
     """That of the campaign's report, with what the site adds."""
     report = resources.files("etude.report").joinpath("report.css").read_text(encoding="utf-8")
-    return report + _own("style.css")
+    return report + _asset("style.css")
 
 
 def script() -> str:
-    return _own("site.js")
+    return _asset("site.js")
 
 
-def chip(verdict: Verdict, words: str = "") -> Html:
-    """The verdict's mark and word on its colour; `words` after them."""
-    return word_chip(shown(verdict), f" {words}" if words else "")
+def chip(verdict: Verdict, suffix: str = "") -> Html:
+    """The verdict's mark and word on its colour; `suffix` after them."""
+    return word_chip(shown(verdict), f" {suffix}" if suffix else "")
 
 
 def word_chip(word: str, after: str = "") -> Html:
-    own = WORDS[word]
-    mark = element("i", own.mark, **{"aria-hidden": "true"})
-    return element("span", mark, f" {word}{after}", class_=f"chip {own.name}", title=own.meaning)
+    term = WORDS[word]
+    mark = element("i", term.mark, **{"aria-hidden": "true"})
+    return element("span", mark, f" {word}{after}", class_=f"chip {term.name}", title=term.meaning)
 
 
 def folded(title: str, *content: object, note: str = "", id_: str = "") -> Html:
@@ -55,13 +59,13 @@ def folded(title: str, *content: object, note: str = "", id_: str = "") -> Html:
     return element("details", element("summary", title, small), *content, **named)
 
 
-def command(words: str) -> Html:
+def command(line: str) -> Html:
     """A command to copy."""
-    return element("pre", element("code", words), class_="command")
+    return element("pre", element("code", line), class_="command")
 
 
-def link(where: str, words: object) -> Html:
-    return element("a", words, href=where)
+def link(where: str, content: object) -> Html:
+    return element("a", content, href=where)
 
 
 def file_of(id: str) -> str:
@@ -69,5 +73,5 @@ def file_of(id: str) -> str:
     return f"{id}.html"
 
 
-def _own(name: str) -> str:
+def _asset(name: str) -> str:
     return resources.files("etude_studies.site").joinpath(name).read_text(encoding="utf-8")

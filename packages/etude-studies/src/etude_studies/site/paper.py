@@ -50,15 +50,15 @@ def paper_figures(
     Raises:
         UsageError: matplotlib is not installed, or an id of `only` is none.
     """
-    own = pyplot()
+    plt = pyplot()
     entries = [ledger.entry(id) for id in only] or list(ledger.entries)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     for entry in entries:
         if entry.kind != "trace" and has_results(entry, results):
-            with own.rc_context(SETTINGS):
-                written += _saved(own, Numbers(results), entry, folder)
+            with plt.rc_context(SETTINGS):
+                written += _saved(plt, Numbers(results), entry, folder)
     return tuple(written)
 
 
@@ -84,9 +84,13 @@ def cells(entry: Entry, results: Results) -> list[list[str]]:
     rows = [*entry.rows, *(Row(line_name(line, {}), line) for line in entry.lines)]
     out = []
     for row in rows:
-        found = [cell(results, entry, row.run, column, counts(entry, row)[-1]) for column in entry.columns]
-        if any(own.asked for own in found):
-            out.append([row.label, *(own.text for own in found), str(max(own.asked for own in found))])
+        row_cells = [
+            cell(results, entry, row.run, column, counts(entry, row)[-1]) for column in entry.columns
+        ]
+        if any(item.asked for item in row_cells):
+            out.append(
+                [row.label, *(item.text for item in row_cells), str(max(item.asked for item in row_cells))]
+            )
     return out
 
 
@@ -112,17 +116,17 @@ def _tex(entry: Entry, results: Results) -> list[str]:
     rows = [
         " & ".join(tex(text).replace("±", r"$\pm$") for text in row) + r" \\" for row in cells(entry, results)
     ]
-    told = caption(entry, results)
+    caption_text = caption(entry, results)
     head = " & ".join(["", *(tex(column_name(column)) for column in entry.columns), "n"]) + r" \\"
     columns = "l" + "r" * (len(entry.columns) + 1)
-    top = [r"\begin{table}", r"\centering", rf"\caption{{{tex(told)}}}", rf"\label{{{entry.id}}}"]
+    top = [r"\begin{table}", r"\centering", rf"\caption{{{tex(caption_text)}}}", rf"\label{{{entry.id}}}"]
     inside = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule", *rows, r"\bottomrule"]
     return [*top, *inside, r"\end{tabular}", r"\end{table}"]
 
 
-def tex(words: str) -> str:
+def tex(source: str) -> str:
     """Words with LaTeX's own signs escaped."""
-    return re.sub(r"([#$%&_{}])", r"\\\1", words)
+    return re.sub(r"([#$%&_{}])", r"\\\1", source)
 
 
 def pyplot() -> Any:
@@ -143,8 +147,8 @@ def drawing_of(entry: Entry) -> Callable[[Any, Numbers, Entry], None]:
     return _curves if entry.kind == "curve" else _dots
 
 
-def _saved(own: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]:
-    figure, axes = own.subplots(figsize=INCHES, layout="constrained")
+def _saved(plt: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]:
+    figure, axes = plt.subplots(figsize=INCHES, layout="constrained")
     drawing_of(entry)(axes, numbers, entry)
     if axes.get_legend_handles_labels()[1]:
         figure.legend(
@@ -156,7 +160,7 @@ def _saved(own: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]
         dated = {"Date": None} if kind == "svg" else {"CreationDate": None}
         figure.savefig(path, metadata=dated)
         files.append(path)
-    own.close(figure)
+    plt.close(figure)
     return files
 
 
@@ -169,15 +173,17 @@ def _dots(axes: Any, numbers: Numbers, entry: Entry) -> None:
     """A row each, from the top; lines to compare with across all rows."""
     column = _column(entry)
     for place, row in enumerate(entry.rows):
-        own = numbers.summary(entry, row.run, column, counts(entry, row)[-1])
-        if own:
-            axes.errorbar(own.mean, -place, xerr=_bars(own), fmt=MARKERS[place % 4], color=_colour(place))
-        told = printed(entry, row).get(column)
-        if told is not None and entry.unit not in INCOMPARABLE:
+        result = numbers.summary(entry, row.run, column, counts(entry, row)[-1])
+        if result:
+            axes.errorbar(
+                result.mean, -place, xerr=_bars(result), fmt=MARKERS[place % 4], color=_colour(place)
+            )
+        printed_number = printed(entry, row).get(column)
+        if printed_number is not None and entry.unit not in INCOMPARABLE:
             name = "the thesis, one run" if place == 0 else None
-            axes.plot(told, -place, "D", mfc="none", mec="black", ms=5, ls="", label=name)
-    found = [(source, numbers.summary(entry, source, column, entry.at[-1])) for source in entry.lines]
-    values = [(source, own.mean) for source, own in found if own]
+            axes.plot(printed_number, -place, "D", mfc="none", mec="black", ms=5, ls="", label=name)
+    results = [(source, numbers.summary(entry, source, column, entry.at[-1])) for source in entry.lines]
+    values = [(source, result.mean) for source, result in results if result]
     for place, (source, value) in enumerate(values):
         axes.axvline(value, color="0.6", lw=0.8, ls="--", label=_line(place, source))
     axes.set_yticks([-place for place in range(len(entry.rows))], [row.label for row in entry.rows])
@@ -192,22 +198,27 @@ def _curves(axes: Any, numbers: Numbers, entry: Entry) -> None:
     """Means with bands; lines to compare with in grey."""
     column = _column(entry)
     for place, row in enumerate(entry.rows):
-        found = numbers.curve(entry, row.run, column, counts(entry, row))
-        if found:
+        results = numbers.curve(entry, row.run, column, counts(entry, row))
+        if results:
             look = {"color": _colour(place), "marker": MARKERS[place % 4], "ls": DASHES[place % 4], "ms": 4}
-            axes.plot([*found], [own.mean for own in found.values()], label=row.label, lw=1.2, **look)
-            low, high = [own.low for own in found.values()], [own.high for own in found.values()]
-            axes.fill_between([*found], low, high, color=_colour(place), alpha=0.18, lw=0)
+            axes.plot(
+                [*results], [result.mean for result in results.values()], label=row.label, lw=1.2, **look
+            )
+            low, high = (
+                [result.low for result in results.values()],
+                [result.high for result in results.values()],
+            )
+            axes.fill_between([*results], low, high, color=_colour(place), alpha=0.18, lw=0)
     lines = [(source, numbers.curve(entry, source, column, entry.at)) for source in entry.lines]
-    lines = [(source, own) for source, own in lines if own]
-    for place, (source, own) in enumerate(lines):
-        means = [one.mean for one in own.values()]
-        axes.plot([*own], means, color="0.6", lw=0.8, ls="--", label=_line(place, source))
+    lines = [(source, curve) for source, curve in lines if curve]
+    for place, (source, curve) in enumerate(lines):
+        means = [one.mean for one in curve.values()]
+        axes.plot([*curve], means, color="0.6", lw=0.8, ls="--", label=_line(place, source))
     axes.set_ylim(bottom=0.0)
     axes.locator_params(axis="x", integer=True)
     axes.set_xlabel(f"{COUNTED.get(entry.rows[0].run[0], 'trajectories')} learned")
     axes.set_ylabel(_label(entry, column))
-    ends = [own[max(own)].mean for _, own in lines]
+    ends = [curve[max(curve)].mean for _, curve in lines]
     for sign, y in _spread(ends, APART * axes.get_ylim()[1]):
         axes.annotate(sign, (1.02, y), xycoords=("axes fraction", "data"), va="center", fontsize=6)
 
@@ -225,8 +236,8 @@ def _spread(values: Sequence[float], apart: float) -> list[tuple[str, float]]:
     return out
 
 
-def _bars(own: Summary) -> list[list[float]]:
-    return [[own.mean - own.low], [own.high - own.mean]]
+def _bars(result: Summary) -> list[list[float]]:
+    return [[result.mean - result.low], [result.high - result.mean]]
 
 
 def _colour(place: int) -> str:

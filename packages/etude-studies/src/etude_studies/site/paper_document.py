@@ -71,10 +71,10 @@ def data_archive(path: Path, folder: Path = FOLDER) -> Path:
     Raises:
         EtudeError: it could not be written.
     """
-    own = {f"results/{one.name}": one for one in sorted(folder.iterdir()) if one.is_file()}
-    own |= {name: folder.parent / name for name in ("claims.toml", "tables.toml")}
-    files = {name: one.read_bytes() for name, one in own.items()} | {"README.txt": READ_ME.encode()}
-    files["CITATION.cff"] = next(own for own in CITATIONS if own.exists()).read_bytes()
+    sources = {f"results/{one.name}": one for one in sorted(folder.iterdir()) if one.is_file()}
+    sources |= {name: folder.parent / name for name in ("claims.toml", "tables.toml")}
+    files = {name: one.read_bytes() for name, one in sources.items()} | {"README.txt": READ_ME.encode()}
+    files["CITATION.cff"] = next(one for one in CITATIONS if one.exists()).read_bytes()
     sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items())
     try:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -88,17 +88,17 @@ def data_archive(path: Path, folder: Path = FOLDER) -> Path:
     return path
 
 
-def _words(claim: Claim, verdict: Verdict) -> tuple[str, str, str, str]:
+def _verdict_row(claim: Claim, verdict: Verdict) -> tuple[str, str, str, str]:
     """Id, word, the deciding number and the claim's own words."""
     part = deciding(verdict)
     return claim.id, shown(verdict), estimate(part) if part else "", plain(" ... ".join(claim.quote))
 
 
-def _judged(entry: Entry, ledger: Ledger, verdicts: Mapping[str, Verdict]) -> str:
+def _claims_sentence(entry: Entry, ledger: Ledger, verdicts: Mapping[str, Verdict]) -> str:
     """The words of the claims that rest on an entry first."""
-    own = [claim for claim in ledger.claims if claim.rests_on[:1] == (entry.id,) and not claim.alias_of]
-    told = "; ".join(f"{claim.id} {shown(verdicts[claim.id])}" for claim in own)
-    return f" Claims: {told}." if told else ""
+    claims = [claim for claim in ledger.claims if claim.rests_on[:1] == (entry.id,) and not claim.alias_of]
+    phrases = "; ".join(f"{claim.id} {shown(verdicts[claim.id])}" for claim in claims)
+    return f" Claims: {phrases}." if phrases else ""
 
 
 def _latex(
@@ -107,18 +107,21 @@ def _latex(
     yield from (r"\documentclass{article}", r"\usepackage{booktabs,graphicx,longtable}")
     yield from (r"\begin{document}", rf"\title{{{TITLE}}}\author{{}}\date{{}}\maketitle")
     yield f"{tex(SOURCE)}.\n\n\\section{{The rule}}\n"
-    yield from (f"{tex(words)}\n" for words in RULE)
+    yield from (f"{tex(content)}\n" for content in RULE)
     yield r"\section{The words}" + "\n" + r"\begin{longtable}{lllp{0.5\textwidth}}"
     for claim in ledger.claims:
-        yield " & ".join(tex(words) for words in _words(claim, verdicts[claim.id])) + r" \\"
+        yield " & ".join(tex(content) for content in _verdict_row(claim, verdicts[claim.id])) + r" \\"
     yield r"\end{longtable}" + "\n" + r"\section{Tables and figures}"
     for entry in entries:
         if entry.kind == "table":
             yield rf"\input{{{entry.id}.tex}}"
         else:
-            told = tex(caption(entry, results) + _judged(entry, ledger, verdicts))
+            caption_text = tex(caption(entry, results) + _claims_sentence(entry, ledger, verdicts))
             drawn = rf"\includegraphics{{{entry.id}.pdf}}"
-            yield rf"\begin{{figure}}\centering{drawn}\caption{{{told}}}\label{{{entry.id}}}\end{{figure}}"
+            yield (
+                rf"\begin{{figure}}\centering{drawn}\caption{{{caption_text}}}\label{{{entry.id}}}"
+                + r"\end{figure}"
+            )
     yield r"\end{document}"
 
 
@@ -130,56 +133,54 @@ def _print(
     entries: Sequence[Entry],
 ) -> None:
     """A page of the rule, pages of words, a page for each entry."""
-    own = pyplot()
+    plt = pyplot()
     from matplotlib.backends.backend_pdf import PdfPages
 
     numbers = Numbers(results)
-    with own.rc_context(SETTINGS), PdfPages(path, metadata={"CreationDate": None, "Title": TITLE}) as pages:
+    with plt.rc_context(SETTINGS), PdfPages(path, metadata={"CreationDate": None, "Title": TITLE}) as pages:
 
         def keep(page: Any) -> None:
             pages.savefig(page)
-            own.close(page)
+            plt.close(page)
 
-        keep(_text_page(own, TITLE, [f"{SOURCE}.", *RULE]))
-        lines = [_line(*_words(claim, verdicts[claim.id])) for claim in ledger.claims]
+        keep(_text_page(plt, TITLE, [f"{SOURCE}.", *RULE]))
+        lines = [_line(*_verdict_row(claim, verdicts[claim.id])) for claim in ledger.claims]
         for first in range(0, len(lines), LINES):
-            keep(_text_page(own, "The words", ["\n".join(lines[first : first + LINES])], mono=True))
+            keep(_text_page(plt, "The words", ["\n".join(lines[first : first + LINES])], mono=True))
         for entry in entries:
-            told = caption(entry, results) + _judged(entry, ledger, verdicts)
-            keep(_entry_page(own, numbers, results, entry, told))
+            caption_text = caption(entry, results) + _claims_sentence(entry, ledger, verdicts)
+            keep(_entry_page(plt, numbers, results, entry, caption_text))
 
 
-def _line(id: str, word: str, number: str, words: str) -> str:
-    return f"{id:11}{word:23}{number:26}{textwrap.shorten(words, 58, placeholder=' ...')}"
+def _line(id: str, word: str, number: str, quote: str) -> str:
+    return f"{id:11}{word:23}{number:26}{textwrap.shorten(quote, 58, placeholder=' ...')}"
 
 
-def _text_page(own: Any, title: str, parts: Sequence[str], *, mono: bool = False) -> Any:
-    page = own.figure(figsize=PAGE_INCHES)
+def _text_page(plt: Any, title: str, parts: Sequence[str], *, mono: bool = False) -> Any:
+    page = plt.figure(figsize=PAGE_INCHES)
     page.text(0.08, 0.94, title, fontsize=14, weight="bold", va="top")
-    told = "\n\n".join(part if mono else textwrap.fill(part, WIDTH) for part in parts)
+    body = "\n\n".join(part if mono else textwrap.fill(part, WIDTH) for part in parts)
     family = {"family": "monospace", "fontsize": 6.2} if mono else {"fontsize": 9}
-    page.text(0.08, 0.9, told.replace("$", r"\$"), va="top", linespacing=1.5, **family)
+    page.text(0.08, 0.9, body.replace("$", r"\$"), va="top", linespacing=1.5, **family)
     return page
 
 
-def _entry_page(own: Any, numbers: Numbers, results: Results, entry: Entry, told: str) -> Any:
+def _entry_page(plt: Any, numbers: Numbers, results: Results, entry: Entry, caption_text: str) -> Any:
     """The drawing with its caption; the numbers of a table below."""
-    page = own.figure(figsize=PAGE_INCHES)
+    page = plt.figure(figsize=PAGE_INCHES)
     page.text(0.08, 0.95, entry_name(entry.id), fontsize=12, weight="bold", va="top")
     axes = page.add_axes((0.3, 0.58, 0.5, 0.31))
     drawing_of(entry)(axes, numbers, entry)
     if axes.get_legend_handles_labels()[1]:
         page.legend(loc="upper left", bbox_to_anchor=(0.08, 0.53), ncols=3, frameon=False, fontsize=7)
-    page.text(0.08, 0.44, textwrap.fill(told, WIDTH).replace("$", r"\$"), fontsize=8, va="top")
+    page.text(0.08, 0.44, textwrap.fill(caption_text, WIDTH).replace("$", r"\$"), fontsize=8, va="top")
     rows = cells(entry, results) if entry.kind == "table" else []
     if rows:
         below = page.add_axes((0.08, 0.05, 0.86, 0.3))
         below.axis("off")
         heads = ["", *(column_name(column) for column in entry.columns), "n"]
         wide = [0.26, *[0.66 / len(entry.columns)] * len(entry.columns), 0.05]
-        found = below.table(
-            rows, colLabels=heads, colWidths=wide, loc="upper left", cellLoc="right", edges=""
-        )
-        found.auto_set_font_size(False)
-        found.set_fontsize(7 if len(entry.columns) < 8 else 4)
+        grid = below.table(rows, colLabels=heads, colWidths=wide, loc="upper left", cellLoc="right", edges="")
+        grid.auto_set_font_size(False)
+        grid.set_fontsize(7 if len(entry.columns) < 8 else 4)
     return page

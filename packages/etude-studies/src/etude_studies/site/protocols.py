@@ -36,14 +36,14 @@ def protocols_page(study: Study) -> Html:
 
 
 def _body(study: Study) -> Sequence[Html]:
-    entry = next((own for own in study.ledger.entries if own.id == MAIN), None)
+    entry = next((item for item in study.ledger.entries if item.id == MAIN), None)
     if entry is None or not entry.beside:
         return [missing_data("No table compares the two protocols.")]
     sources = [(row.label, row.run) for row in entry.rows]
     sources += [(run, run) for run in entry.beside]
     lack = [run for run in entry.beside if not study.numbers.by_k(run, entry.measure, entry.test, "mean")]
     note = missing_data(f"Not run yet: {', '.join(lack)}.") if lack else Html("")
-    pictures = [own for own in (_dots(study, entry, sources), _curves(study, entry, sources)) if own]
+    pictures = [item for item in (_dots(study, entry, sources), _curves(study, entry, sources)) if item]
     drawn = join([grid(pictures), legend([(n, style_of(i)) for i, (n, _) in enumerate(sources)])])
     settings = [settings_of(study, run) for _, run in sources]
     folded_in = folded("Every setting of both", *settings)
@@ -56,10 +56,10 @@ def _dots(study: Study, entry: Entry, sources: Sequence[tuple[str, str]]) -> Htm
         Dot(name, study.numbers.summary(entry, source, "mean", k), None, style_of(place))
         for place, (name, source) in enumerate(sources)
     ]
-    if all(dot.found is None for dot in dots):
+    if all(dot.result is None for dot in dots):
         return Html("")
-    lines = [(own, study.numbers.summary(entry, own, "mean", k)) for own in entry.lines]
-    rules = [Rule(line_name(own, study.what), found.mean) for own, found in lines if found]
+    lines = [(line, study.numbers.summary(entry, line, "mean", k)) for line in entry.lines]
+    rules = [Rule(line_name(line, study.what), result.mean) for line, result in lines if result]
     drawn = dot_plot("Both protocols", dots, rules, axis=axis_label(entry.measure, entry.unit))
     return figure("dots protocols", drawn, f"After {k} trajectories, mean of the joints.")
 
@@ -67,9 +67,9 @@ def _dots(study: Study, entry: Entry, sources: Sequence[tuple[str, str]]) -> Htm
 def _curves(study: Study, entry: Entry, sources: Sequence[tuple[str, str]]) -> Html:
     at = tuple(range(1, entry.at[-1] + 1))
     curves = [
-        Curve(name, found, style_of(place), {})
+        Curve(name, results, style_of(place), {})
         for place, (name, source) in enumerate(sources)
-        if (found := study.numbers.curve(entry, source, "mean", at))
+        if (results := study.numbers.curve(entry, source, "mean", at))
     ]
     if not curves:
         return Html("")
@@ -80,8 +80,8 @@ def _curves(study: Study, entry: Entry, sources: Sequence[tuple[str, str]]) -> H
 
 def _entries(study: Study) -> Html:
     """Where else the default protocol stands beside the thesis's."""
-    found = [link(file_of(own.id), entry_name(own.id)) for own in study.ledger.entries if own.beside]
-    runs = sorted({run for own in study.ledger.entries for run in own.beside})
-    told = [element("li", link(file_of(f"run-{run}"), source_name(run, study.what))) for run in runs]
-    words = paragraph("Both stand side by side in ", join(found, ", "), ".")
-    return join([element("ul", *told), words])
+    links = [link(file_of(entry.id), entry_name(entry.id)) for entry in study.ledger.entries if entry.beside]
+    runs = sorted({run for entry in study.ledger.entries for run in entry.beside})
+    items = [element("li", link(file_of(f"run-{run}"), source_name(run, study.what))) for run in runs]
+    intro = paragraph("Both stand side by side in ", join(links, ", "), ".")
+    return join([element("ul", *items), intro])

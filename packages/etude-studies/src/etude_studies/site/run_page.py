@@ -53,13 +53,15 @@ def _origin(made: Mapping[str, Any]) -> Html:
 
 def _rounding(study: Study, run: str) -> Html:
     """How far other last digits of the logs move the error, beside how far seeds do."""
-    own, moved = (study.numbers.results.values(name, "error", ROUNDS, PRIMARY) for name in (run, f"U{run}"))
-    both = sorted({*own} & {*moved})
+    original, moved = (
+        study.numbers.results.values(name, "error", ROUNDS, PRIMARY) for name in (run, f"U{run}")
+    )
+    both = sorted({*original} & {*moved})
     if len(both) < 2:
         return Html("")
     # each side of a pair has the deviation of rounding
-    rounding = stdev(math.log(moved[seed] / own[seed]) for seed in both) / math.sqrt(2.0)
-    seeds = stdev(math.log(own[seed]) for seed in both)
+    rounding = stdev(math.log(moved[seed] / original[seed]) for seed in both) / math.sqrt(2.0)
+    seeds = stdev(math.log(original[seed]) for seed in both)
     return paragraph(
         f"Other last digits of the logs (run U{run}) move the error of a seed after {ROUNDS} trajectories by "
         f"{rounding:.0%}, and seeds differ by {seeds:.0%}: deviations of logarithms over {len(both)} seeds. "

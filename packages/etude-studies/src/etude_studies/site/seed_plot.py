@@ -18,7 +18,7 @@ Strip = tuple[str, Mapping[int, float], Style, Mapping[str, str]]
 
 def seed_plot(title: str, strips: Sequence[Strip], *, axis: str, centre: float | None = None) -> Html:
     """The drawing; hashes stand in the tips."""
-    values = [v for _, own, _, _ in strips for v in own.values() if math.isfinite(v)]
+    values = [v for _, by_seed, _, _ in strips for v in by_seed.values() if math.isfinite(v)]
     low, high = min(values), max(values)
     log = centre is None and low > 0.0 and high > WIDE * low
     floor = 0.0 if centre is None and low >= 0.0 and not log else None
@@ -32,13 +32,13 @@ def seed_plot(title: str, strips: Sequence[Strip], *, axis: str, centre: float |
 
 
 def _joined(strips: Sequence[Strip], scale: Scale) -> str:
-    seeds = sorted({seed for _, own, _, _ in strips for seed in own})
+    seeds = sorted({seed for _, by_seed, _, _ in strips for seed in by_seed})
     out = []
     for seed in seeds:
         points = [
-            (float(scale(own[seed])), _middle(place))
-            for place, (_, own, _, _) in enumerate(strips)
-            if math.isfinite(own.get(seed, math.nan))
+            (float(scale(by_seed[seed])), _middle(place))
+            for place, (_, by_seed, _, _) in enumerate(strips)
+            if math.isfinite(by_seed.get(seed, math.nan))
         ]
         if len(points) > 1:
             out.append('<path class="pair" d="M' + "L".join(f"{x:.1f},{y:.1f}" for x, y in points) + '"/>')
@@ -46,9 +46,9 @@ def _joined(strips: Sequence[Strip], scale: Scale) -> str:
 
 
 def _strip(strip: Strip, top: float, scale: Scale) -> list[str]:
-    name, own, style, hashes = strip
+    name, by_seed, style, hashes = strip
     out = [label(LEFT, top + 12, name, "name halo")]
-    for seed, value in sorted(own.items()):
+    for seed, value in sorted(by_seed.items()):
         if math.isfinite(value):
             spec = f", spec {hashes[str(seed)]}" if str(seed) in hashes else ""
             tip = f"{name}, seed {seed}: {number(value, 4)}{spec}"

@@ -79,23 +79,23 @@ def traces(numbers: Numbers, entry: Entry, row: Row, part: str, seed: int = 0) -
     """Of a row and a joint or command; empty where none are kept."""
     run, test = f"{row.run}t", f"after {(row.at or entry.at)[-1]}"
     times = numbers.by_k(run, "t", test, "mean")
-    found = {}
+    recorded = {}
     for measure in OF_ENTRY.get(entry.measure, ()):
-        own = numbers.by_k(run, measure, test, part)
-        points = [(times.get(k, {}).get(seed, math.nan), by.get(seed, math.nan)) for k, by in own.items()]
+        by_k = numbers.by_k(run, measure, test, part)
+        points = [(times.get(k, {}).get(seed, math.nan), by.get(seed, math.nan)) for k, by in by_k.items()]
         if points:
             t, value = np.array(points).T
-            found[measure] = t, value
-    return found
+            recorded[measure] = t, value
+    return recorded
 
 
-def trace_plot(title: str, found: Traces, y: str) -> Html:
+def trace_plot(title: str, recorded: Traces, y: str) -> Html:
     """The drawing of one joint or command."""
     marks: list[Mark] = []
-    if "deviation" in found and "mean" in found:
-        (t, mean), (_, spread) = found["mean"], found["deviation"]
+    if "deviation" in recorded and "mean" in recorded:
+        (t, mean), (_, spread) = recorded["mean"], recorded["deviation"]
         marks.append(Bounds(t, mean - spread, mean + spread, "c2 bounds"))
-    for measure, (t, value) in found.items():
+    for measure, (t, value) in recorded.items():
         if measure != "deviation":
             style = SHOWN[measure].style
             marks.append(Line(*thinned(t, value), style=f"mark {style.colour} {style.dash}"))
@@ -104,10 +104,10 @@ def trace_plot(title: str, found: Traces, y: str) -> Html:
 
 def joined_plot(title: str, rows: Sequence[Traces], styles: Sequence[Style], y: str) -> Html:
     """One joint of several rows: the desired angle once, the actual one of each row in its style."""
-    wanted = SHOWN["q_des"].style
-    marks = [Line(*thinned(*rows[0]["q_des"]), style=f"mark {wanted.colour} {wanted.dash}")]
-    for found, style in zip(rows, styles, strict=True):
-        marks.append(Line(*thinned(*found["q"]), style=f"mark {style.colour} {style.dash}"))
+    desired = SHOWN["q_des"].style
+    marks = [Line(*thinned(*rows[0]["q_des"]), style=f"mark {desired.colour} {desired.dash}")]
+    for recorded, style in zip(rows, styles, strict=True):
+        marks.append(Line(*thinned(*recorded["q"]), style=f"mark {style.colour} {style.dash}"))
     return panel(title, Axis("time (s)"), Axis(y), marks, size=SIZE)
 
 
@@ -117,18 +117,18 @@ def path_plot(title: str, x: Traces, y: Traces, unit: str) -> Html:
     for measure in x:
         style = SHOWN[measure].style
         marks.append(Line(x[measure][1], y[measure][1], style=f"mark {style.colour} {style.dash}"))
-    spans = [np.concatenate([own[1] for own in axis.values()]) for axis in (x, y)]
-    half = max(float(np.ptp(own)) for own in spans) * 0.55 or 1.0
-    middle = [float(own.min() + own.max()) / 2 for own in spans]
+    spans = [np.concatenate([line[1] for line in axis.values()]) for axis in (x, y)]
+    half = max(float(np.ptp(span)) for span in spans) * 0.55 or 1.0
+    middle = [float(span.min() + span.max()) / 2 for span in spans]
     across, along = ((m - half, m + half) for m in middle)
     return panel(
         title, Axis(f"x ({unit})", limits=across), Axis(f"y ({unit})", limits=along), marks, size=PATH
     )
 
 
-def names(found: Traces) -> list[tuple[str, Style]]:
+def names(recorded: Traces) -> list[tuple[str, Style]]:
     """For the legend."""
-    return [(SHOWN[measure].name, SHOWN[measure].style) for measure in found]
+    return [(SHOWN[measure].name, SHOWN[measure].style) for measure in recorded]
 
 
 def kernel_plot(title: str, numbers: Numbers, model: str) -> Html | None:
@@ -156,9 +156,9 @@ def kernel_names() -> Sequence[tuple[str, Style]]:
 
 def _of_places(numbers: Numbers, source: str, measure: str) -> Array:
     """(places, seeds)."""
-    own = numbers.by_k(source, measure, "", "D1")
-    seeds = sorted({seed for by in own.values() for seed in by})
-    return np.array([[by.get(seed, math.nan) for seed in seeds] for by in own.values()], dtype=float)
+    by_place = numbers.by_k(source, measure, "", "D1")
+    seeds = sorted({seed for by in by_place.values() for seed in by})
+    return np.array([[by.get(seed, math.nan) for seed in seeds] for by in by_place.values()], dtype=float)
 
 
 def _between(x: Array, drawn: Array, share: float) -> Bounds:

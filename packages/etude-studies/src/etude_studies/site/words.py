@@ -165,8 +165,8 @@ def axis_label(measure: str, unit: str) -> str:
 
 def column_name(column: str) -> str:
     """A column's heading: joints by their names, inputs by their symbols."""
-    found = COLUMNS.fullmatch(column)
-    return f"{SIGNS[found[1]]} {found[2]}" if found else column.replace("_", " ")
+    match = COLUMNS.fullmatch(column)
+    return f"{SIGNS[match[1]]} {match[2]}" if match else column.replace("_", " ")
 
 
 def entry_name(id: str) -> str:

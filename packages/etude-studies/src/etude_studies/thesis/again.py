@@ -55,15 +55,15 @@ class Again:
         return {"figures": self.figures, "mean": self.mean, "largest": self.largest, "missing": self.missing}
 
 
-def again(run: str, seeds: Sequence[int], here: Results, kept: Results) -> Again | None:
+def again(run: str, seeds: Sequence[int], here: Results, committed: Results) -> Again | None:
     """The steady figures of some seeds of a run, here and committed; None where nothing is in both."""
     import polars as pl
 
-    shared = sorted({*seeds} & {*here.seeds(run)} & {*kept.seeds(run)})
+    shared = sorted({*seeds} & {*here.seeds(run)} & {*committed.seeds(run)})
     if not shared:
         return None
-    own, old = (_figures(results, run, shared) for results in (here, kept))
-    both = own.join(old, on=["seed", *KEYS], suffix="_kept", how="inner")
+    new, old = (_figures(results, run, shared) for results in (here, committed))
+    both = new.join(old, on=["seed", *KEYS], suffix="_kept", how="inner")
     if not len(both):
         return None
     gap = (pl.col("value") - pl.col("value_kept")).abs()
@@ -72,11 +72,11 @@ def again(run: str, seeds: Sequence[int], here: Results, kept: Results) -> Again
     return Again(
         run=run,
         seeds=tuple(shared),
-        commits=kept.commits(run),
+        commits=committed.commits(run),
         figures=len(both),
         mean=float(away.mean()),
         largest=float(away.max()),
-        missing=len(own) + len(old) - 2 * len(both),
+        missing=len(new) + len(old) - 2 * len(both),
     )
 
 

@@ -62,27 +62,29 @@ def run(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFrame
     Args:
         settings: of `ArmSettings`. seed: of the study. needs: the table of `arm_motions.draws`.
     """
-    own, found = ArmSettings(**settings), list[Measured]()
+    arm_settings, rows = ArmSettings(**settings), list[Measured]()
     with threads_for(0):
-        for stage in stages(own, seed, training_motions(next(iter(needs.values()))), found):
-            found += _judged(own, seed, stage)
-    return [*found, *foresight(found)]
+        for stage in stages(arm_settings, seed, training_motions(next(iter(needs.values()))), rows):
+            rows += _evaluated(arm_settings, seed, stage)
+    return [*rows, *foresight(rows)]
 
 
-def foresight(found: Sequence[Measured]) -> list[Measured]:
+def foresight(rows: Sequence[Measured]) -> list[Measured]:
     """Rank correlation over trajectories of the variance expected and the error met before learning them."""
-    own = {name: [row.value for row in found if (row.measure, row.part) == (name, "mean")] for name in AHEAD}
-    expected, met = (np.array(own[name]) for name in AHEAD)
+    series = {
+        name: [row.value for row in rows if (row.measure, row.part) == (name, "mean")] for name in AHEAD
+    }
+    expected, met = (np.array(series[name]) for name in AHEAD)
     if len(met) < 3:
         return []
-    last = max(row.k for row in found)
+    last = max(row.k for row in rows)
     return [Measured(last, "", "", "mean", "ahead_rank", rank_correlation(expected, met))]
 
 
 def stages(
-    settings: ArmSettings, seed: int, drawn: Sequence[Trajectory], found: list[Measured] | None = None
+    settings: ArmSettings, seed: int, drawn: Sequence[Trajectory], rows: list[Measured] | None = None
 ) -> Iterator[Stage]:
-    """Learns trajectory after trajectory; what is known of each before it is learned goes to `found`."""
+    """Learns trajectory after trajectory; what is known of each before it is learned goes to `rows`."""
     world, logs = settings.world, list[Log]()
     model: LearnedModel | None = None
     before: LearnedModel | None
@@ -93,8 +95,8 @@ def stages(
             motion = designed(settings, model, world.samples(*logs), seed, number)
         spent = {"cpu_design": time.process_time() - began}
         logs.append(recorded(settings, motion, seed, number))
-        if found is not None and model is not None:
-            found += _ahead(settings, model, logs, number)
+        if rows is not None and model is not None:
+            rows += _ahead(settings, model, logs, number)
         began = time.process_time()
         samples = world.samples(*logs)
         rng = np.random.default_rng([seed, LEARN, number])
@@ -108,16 +110,16 @@ def _ahead(
 ) -> Iterator[Measured]:
     """What the model of the round before expects of a trajectory that it has not seen."""
     world = settings.world
-    new, known = world.samples(logs[-1]), world.samples(*logs[:-1])
+    new, learned = world.samples(logs[-1]), world.samples(*logs[:-1])
     mean, variance = model.posterior(new.log)
     figures = zip(AHEAD, (variance.mean(axis=0), np.abs(new.command - mean).mean(axis=0)), strict=True)
     yield from joint_rows(number, "", "", world, figures)
-    X, before = model.inputs.of_log(new.log), model.inputs.of_log(known.log)
+    X, before = model.inputs.of_log(new.log), model.inputs.of_log(learned.log)
     half = 0.5 * np.maximum(np.ptp(before, axis=0), np.finfo(float).tiny)
     yield Measured(number, "", "", "mean", "nearest", nearest_distance(X, before, half))
 
 
-def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured]:
+def _evaluated(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured]:
     """Every test, the lines beside it, and what the model is by itself."""
     world, k, model = settings.world, stage.number, stage.model
     limit = world.kind.limit(world.spec)
@@ -133,8 +135,8 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
         if name == PRIMARY and settings.described:
             yield from joint_rows(k, name, "", world, description(log, world.spec.rate))
         if name == PRIMARY:
-            told = honesty(log["command"][log.t >= 0.0], mean, latent, noisy)
-            yield from joint_rows(k, name, "", world, told)
+            figures = honesty(log["command"][log.t >= 0.0], mean, latent, noisy)
+            yield from joint_rows(k, name, "", world, figures)
     yield from joint_rows(k, "", "", world, [("nlpd_train", _density_of(model, stage.samples))])
     yield from parameter_figures(model, stage.before, k)
     if k == settings.again and stage.before is not None:
@@ -179,8 +181,8 @@ def _predicted(model: LearnedModel, plan: Log) -> tuple[Array, Array, Array]:
     noise = np.zeros(len(model.commands))
     for candidate in model.candidates:
         assert candidate.process is not None
-        own = candidate.weights * candidate.calibration * candidate.units[1] ** 2
-        noise[list(candidate.commands)] += own * candidate.process.noise_variance
+        factor = candidate.weights * candidate.calibration * candidate.units[1] ** 2
+        noise[list(candidate.commands)] += factor * candidate.process.noise_variance
     return mean, np.maximum(noisy - noise, 0.0), noisy
 
 
@@ -205,18 +207,18 @@ def baseline(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
         settings: `robot`, `rounds`, and `controller`: "pd", "exact", "frictionless", the exact inverse of the
             same arm without friction, or "nominal", that of arm4.
     """
-    own = ArmSettings(settings["robot"], rounds=settings["rounds"])
-    robot: Any = own.world.robot
-    found: list[Measured] = []
+    arm_settings = ArmSettings(settings["robot"], rounds=settings["rounds"])
+    robot: Any = arm_settings.world.robot
+    rows: list[Measured] = []
     controllers: dict[str, Controller | None] = {
         "pd": None,
         "exact": PerfectController(robot),
         "nominal": PerfectController(cast("Any", world_of("arm4", "thesis").robot)),
         "frictionless": PerfectController(robot.changed(friction=1e-9)),
     }
-    for name, motion in tests_of(own.robot, seed).items():
-        log = tested(own, motion, controllers[settings["controller"]], seed, name)
-        figures: list[Figure] = list(tracking(log, own.world.spec.rate))
-        for k in range(own.rounds + 1):
-            found += joint_rows(k, name, "", own.world, figures)
-    return found
+    for name, motion in tests_of(arm_settings.robot, seed).items():
+        log = tested(arm_settings, motion, controllers[settings["controller"]], seed, name)
+        figures: list[Figure] = list(tracking(log, arm_settings.world.spec.rate))
+        for k in range(arm_settings.rounds + 1):
+            rows += joint_rows(k, name, "", arm_settings.world, figures)
+    return rows

@@ -64,9 +64,9 @@ class Applied:
     def command(self, t: float, row: Row) -> tuple[Array, Array]:  # noqa: ARG002
         """Of one instant of the plan."""
         orders = np.stack([row[name][None] for name in ("q_des", "qd_des", "qdd_des")])
-        found = self.planned(Motion(np.zeros(1), orders))
-        assert found is not None
-        return found[0], np.zeros_like(self.limit)
+        output = self.planned(Motion(np.zeros(1), orders))
+        assert output is not None
+        return output[0], np.zeros_like(self.limit)
 
     def observe(self, t: float, row: Row) -> None:
         """Nothing is learned on the way."""

@@ -36,8 +36,8 @@ def tracking(log: Log, rate: float) -> Iterator[Figure]:
         rate: Hz.
     """
     log = log.take(log.t >= 0.0)
-    wanted, actual = log["q_des"], log["q_true"]
-    error = np.rad2deg(wanted - actual)
+    desired, actual = log["q_des"], log["q_true"]
+    error = np.rad2deg(desired - actual)
     yield "error", np.abs(error).mean(axis=0)
     yield "error_rms", np.sqrt((error**2).mean(axis=0))
     command, feedback = log["command"], log["command_fb"]
@@ -48,7 +48,7 @@ def tracking(log: Log, rate: float) -> Iterator[Figure]:
     speed = np.gradient(actual, 1.0 / rate, axis=0)
     yield "effort", np.abs(command * speed).mean(axis=0)
     yield "nmse", ((log["command_ff"] - command) ** 2).mean(axis=0) / command.var(axis=0)
-    yield "jerk", jerkiness(wanted, actual, rate)
+    yield "jerk", jerkiness(desired, actual, rate)
     share, missed = np.sqrt((feedback**2).mean(axis=0)) / size, np.abs(error).mean(axis=0)
     yield "share_follows_error", np.full(len(missed), rank_correlation(missed, share))
 
@@ -60,11 +60,11 @@ def description(log: Log, rate: float) -> Iterator[Figure]:
         log, rate: as in `tracking`.
     """
     log = log.take(log.t >= 0.0)
-    wanted, actual = log["q_des"], log["q_true"]
+    desired, actual = log["q_des"], log["q_true"]
     turns = [reversals(column) for column in log["qd_des"].T]
-    pairs = zip(np.abs(wanted - actual).T, turns, strict=True)
-    yield "reversal_share", np.array([near_share(e, own) for e, own in pairs])
-    yield from excursions(np.rad2deg(wanted), np.rad2deg(actual), turns, rate)
+    pairs = zip(np.abs(desired - actual).T, turns, strict=True)
+    yield "reversal_share", np.array([near_share(e, places) for e, places in pairs])
+    yield from excursions(np.rad2deg(desired), np.rad2deg(actual), turns, rate)
     yield "stuck_share", stuck(actual, log["qd_des"], turns, rate)
 
 
@@ -78,16 +78,16 @@ def standing(log: Log, rate: float) -> Iterator[Figure]:
         log, rate: as in `tracking`.
     """
     log = log.take(log.t >= 0.0)
-    wanted, speed = log["q_des"], log["qd_des"]
+    desired, speed = log["q_des"], log["qd_des"]
     actual_speed = np.gradient(log["q_true"], 1.0 / rate, axis=0)
     rests = (np.abs(actual_speed) < REST) & (np.abs(speed) > MOVES)
-    error, shares = np.abs(wanted - log["q_true"]), []
-    for joint in range(wanted.shape[1]):
+    error, shares = np.abs(desired - log["q_true"]), []
+    for joint in range(desired.shape[1]):
         windows = until_it_moves(actual_speed[:, joint], speed[:, joint], rate)
-        inside = np.zeros(len(wanted), dtype=bool)
+        inside = np.zeros(len(desired), dtype=bool)
         for window in windows:
             inside[window] = True
-        stuck_in = [float(_longest(rests[own, joint]) >= round(FROZEN_S * rate)) for own in windows]
+        stuck_in = [float(_longest(rests[span, joint]) >= round(FROZEN_S * rate)) for span in windows]
         whole = error[:, joint].sum()
         share = float(error[inside, joint].sum() / whole) if windows and whole > 0.0 else math.nan
         shares.append((share, float(inside.mean()) if windows else math.nan, _mean(stuck_in)))
@@ -97,26 +97,26 @@ def standing(log: Log, rate: float) -> Iterator[Figure]:
     )
 
 
-def until_it_moves(actual: Array, wanted: Array, rate: float) -> list[slice]:
+def until_it_moves(actual: Array, desired: Array, rate: float) -> list[slice]:
     """From each reversal of a desired speed (T,) until the actual one follows; at most until the next one."""
-    turns, hold = reversals(wanted), round(AGAIN_S * rate)
+    turns, hold = reversals(desired), round(AGAIN_S * rate)
     windows = []
-    for turn, end in zip(turns, [*turns[1:], len(wanted)], strict=True):
-        follows = actual[turn:end] * np.sign(wanted[turn]) > AGAIN
-        kept = (
+    for turn, end in zip(turns, [*turns[1:], len(desired)], strict=True):
+        follows = actual[turn:end] * np.sign(desired[turn]) > AGAIN
+        holding = (
             np.convolve(follows, np.ones(hold), "valid") >= hold - 0.5
             if len(follows) >= hold
             else follows[:0]
         )
-        first = int(kept.argmax()) if kept.any() else end - turn
+        first = int(holding.argmax()) if holding.any() else end - turn
         windows.append(slice(int(turn), int(turn) + first))
     return windows
 
 
-def jerkiness(wanted: Array, actual: Array, rate: float) -> Array:
+def jerkiness(desired: Array, actual: Array, rate: float) -> Array:
     """(J,) root mean square of the third difference of the error over that of the desired motion."""
-    own, plan = (np.diff(rows, 3, axis=0) * rate**3 for rows in (actual - wanted, wanted))
-    return np.asarray(np.sqrt((own**2).mean(axis=0) / (plan**2).mean(axis=0)))
+    error_jerk, plan = (np.diff(rows, 3, axis=0) * rate**3 for rows in (actual - desired, desired))
+    return np.asarray(np.sqrt((error_jerk**2).mean(axis=0) / (plan**2).mean(axis=0)))
 
 
 def reversals(speed: Array) -> Index:
@@ -135,21 +135,21 @@ def near_share(error: Array, turns: Index) -> float:
     return float(error[nearest].sum() / error.sum())
 
 
-def excursions(wanted: Array, actual: Array, turns: list[Index], rate: float) -> Iterator[Figure]:
+def excursions(desired: Array, actual: Array, turns: list[Index], rate: float) -> Iterator[Figure]:
     """By how much a joint falls short of the desired maxima and minima, deg; below 0 it overshoots.
 
     `spike` is the largest error within a second of a maximum, over the median error.
     """
-    near, last = round(NEAR_S * rate), len(wanted) - 1
+    near, last = round(NEAR_S * rate), len(desired) - 1
     short: dict[str, list[float]] = {
         "undershoot": [],
         "undershoot_max": [],
         "undershoot_min": [],
         "spike": [],
     }
-    for w, a, own in zip(wanted.T, actual.T, turns, strict=True):
+    for w, a, places in zip(desired.T, actual.T, turns, strict=True):
         tops, bottoms, peaks = [], [], []
-        for turn in own:
+        for turn in places:
             window = slice(max(0, turn - near), min(last, turn + near) + 1)
             if w[turn] >= w[window].mean():
                 tops.append(w[window].max() - a[window].max())
@@ -169,8 +169,8 @@ def stuck(actual: Array, speed: Array, turns: list[Index], rate: float) -> Array
     rests = (np.abs(np.gradient(actual, 1.0 / rate, axis=0)) < REST) & (np.abs(speed) > MOVES)
     return np.array(
         [
-            _mean([float(_longest(own[max(0, turn - near) : turn + near]) >= least) for turn in places])
-            for own, places in zip(rests.T, turns, strict=True)
+            _mean([float(_longest(resting[max(0, turn - near) : turn + near]) >= least) for turn in places])
+            for resting, places in zip(rests.T, turns, strict=True)
         ]
     )
 
@@ -185,7 +185,7 @@ def honesty(command: Array, mean: Array, latent: Array, noisy: Array) -> Iterato
     yield "coverage95", (np.abs(error) <= NORMAL_95 * deviation).mean(axis=0)
     yield "nlpd", density_loss(error, noisy)
     pairs = zip(deviation.T, np.abs(error).T, strict=True)
-    yield "spearman", np.array([rank_correlation(own, e) for own, e in pairs])
+    yield "spearman", np.array([rank_correlation(sd, e) for sd, e in pairs])
 
 
 def density_loss(error: Array, variance: Array) -> Array:
@@ -193,9 +193,9 @@ def density_loss(error: Array, variance: Array) -> Array:
     return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + error**2 / variance).mean(axis=0))
 
 
-def nearest_distance(new: Array, known: Array, scale: Array) -> float:
-    """Median distance from inputs `new` (T, D) to the nearest of `known` (n, D), in units of `scale` (D,)."""
-    tree = cKDTree(_spread(known) / scale)
+def nearest_distance(new: Array, training: Array, scale: Array) -> float:
+    """Median distance from inputs `new` (T, D) to the nearest of `training` (n, D); unit: `scale` (D,)."""
+    tree = cKDTree(_spread(training) / scale)
     return float(np.median(tree.query(_spread(new) / scale)[0]))
 
 

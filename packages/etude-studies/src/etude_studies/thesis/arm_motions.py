@@ -38,9 +38,9 @@ def draws(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFrame])
         settings: `robot`, `preset`, `motions`, `draw`, `own_omega0` of `ArmSettings`.
         seed: of the study.
     """
-    own, rows = ArmSettings(**settings), []
+    arm_settings, rows = ArmSettings(**settings), []
     for number in range(1, MOST + 1):
-        for axis, series in enumerate(_drawn(own, seed, number)):
+        for axis, series in enumerate(_drawn(arm_settings, seed, number)):
             named = {name: getattr(series, name) for name in ("omega0", "duration", "ramp")}
             named |= {f"{i}_{j}": float(value) for (i, j), value in np.ndenumerate(series.coefficients)}
             rows += [(number, axis, name, value) for name, value in named.items()]
@@ -55,8 +55,8 @@ def _drawn(settings: ArmSettings, seed: int, number: int) -> tuple[FourierTrajec
     world, family = settings.world, settings.family.drawn(rng)
     limits = world.kind.limits(world.spec, world.config, None, {})
     room = FeasibleSet.of(limits, family, world.kind.home(world.spec))
-    found: Any = family.trajectory(SAMPLERS[_sampler(settings, number)](rng, room, 1)[0])
-    return found.series if isinstance(found, JointByJoint) else (found,)
+    drawn: Any = family.trajectory(SAMPLERS[_sampler(settings, number)](rng, room, 1)[0])
+    return drawn.series if isinstance(drawn, JointByJoint) else (drawn,)
 
 
 def _sampler(settings: ArmSettings, number: int) -> str:
@@ -66,14 +66,14 @@ def _sampler(settings: ArmSettings, number: int) -> str:
 
 def training_motions(table: pl.DataFrame) -> list[Trajectory]:
     """The motions of a table of `draws`, to the bit."""
-    known: dict[int, dict[int, dict[str, float]]] = {}
+    coefficients: dict[int, dict[int, dict[str, float]]] = {}
     for number, axis, name, value in table.iter_rows():
-        known.setdefault(number, {}).setdefault(axis, {})[name] = value
-    found: list[Trajectory] = []
-    for _, parts in sorted(known.items()):
-        series = [_series(own) for _, own in sorted(parts.items())]
-        found.append(series[0] if len(series) == 1 else JointByJoint(tuple(series)))
-    return found
+        coefficients.setdefault(number, {}).setdefault(axis, {})[name] = value
+    motions: list[Trajectory] = []
+    for _, parts in sorted(coefficients.items()):
+        series = [_series(terms) for _, terms in sorted(parts.items())]
+        motions.append(series[0] if len(series) == 1 else JointByJoint(tuple(series)))
+    return motions
 
 
 def _series(values: Mapping[str, float]) -> FourierTrajectory:
@@ -88,9 +88,9 @@ def _series(values: Mapping[str, float]) -> FourierTrajectory:
 def tests_of(robot: str, seed: int) -> Mapping[str, Trajectory]:
     """Motions never trained on: the seed's own series and moves, and a series that all seeds share."""
     world = ArmSettings(robot).world
-    own = world.kind.tests(world.spec, world.config, np.random.default_rng([seed, TEST]))
+    tests = world.kind.tests(world.spec, world.config, np.random.default_rng([seed, TEST]))
     shared = world.kind.tests(world.spec, world.config, np.random.default_rng([COMMON, TEST]))
-    return {**own, "common": shared["fourier"]}
+    return {**tests, "common": shared["fourier"]}
 
 
 def recorded(settings: ArmSettings, motion: Trajectory, seed: int, number: int) -> Log:

@@ -29,13 +29,17 @@ def with_means(rows: list[Measured]) -> Iterator[Measured]:
 
 
 def _own_figures(model: LearnedModel, before: LearnedModel | None, k: int) -> Iterator[Measured]:
-    known = {} if before is None else {name: lengths_of(own) for name, own, _ in _processes(before)}
+    lengths_before = (
+        {}
+        if before is None
+        else {name: lengths_of(posterior_before) for name, posterior_before, _ in _processes(before)}
+    )
     for name, posterior, factor in _processes(model):
         yield Measured(k, "", "", name, "noise_sd", factor * math.sqrt(posterior.noise_variance))
         yield Measured(k, "", "", name, "signal_sd", factor * math.sqrt(posterior.signal_variance))
         if isinstance(posterior, ExactPosterior):
             yield Measured(k, "", "", name, "nlml", negative_log_likelihood(posterior))
-        yield from _length_rows(model, k, "", name, lengths_of(posterior), known)
+        yield from _length_rows(model, k, "", name, lengths_of(posterior), lengths_before)
 
 
 def trained_again(
@@ -46,12 +50,12 @@ def trained_again(
 
 
 def _anew(model: LearnedModel, before: LearnedModel, config: ModelConfig, k: int) -> Iterator[Measured]:
-    known = {name: lengths_of(own) for name, own, _ in _processes(before)}
-    for name, kept, _ in _processes(model):
-        assert isinstance(kept, ExactPosterior)
-        start = initial_gp(kept.kernel, kept.X, kept.y)
-        anew = fit(start, kept.X, kept.y, method=config.method, steps=config.steps, prior=None)
-        yield from _length_rows(model, k, "again", name, np.exp(anew.theta[1:]), known)
+    lengths_before = {name: lengths_of(posterior_before) for name, posterior_before, _ in _processes(before)}
+    for name, learned, _ in _processes(model):
+        assert isinstance(learned, ExactPosterior)
+        start = initial_gp(learned.kernel, learned.X, learned.y)
+        anew = fit(start, learned.X, learned.y, method=config.method, steps=config.steps, prior=None)
+        yield from _length_rows(model, k, "again", name, np.exp(anew.theta[1:]), lengths_before)
 
 
 def negative_log_likelihood(posterior: ExactPosterior) -> float:
@@ -74,13 +78,13 @@ def log_distance(lengths: Array, others: Array) -> float:
 
 
 def _length_rows(
-    model: LearnedModel, k: int, line: str, name: str, lengths: Array, known: Mapping[str, Array]
+    model: LearnedModel, k: int, line: str, name: str, lengths: Array, lengths_before: Mapping[str, Array]
 ) -> Iterator[Measured]:
     for column, length in zip(model.inputs.columns, lengths, strict=False):
         if not column[3]:  # friction columns of one channel have no name of their own
             yield Measured(k, "", line, name, f"length_{column[0]}_{column[1]}", float(length))
-    if len(lengths) and len(known.get(name, ())) == len(lengths):
-        yield Measured(k, "", line, name, "length_change", log_distance(lengths, known[name]))
+    if len(lengths) and len(lengths_before.get(name, ())) == len(lengths):
+        yield Measured(k, "", line, name, "length_change", log_distance(lengths, lengths_before[name]))
 
 
 def _processes(model: LearnedModel) -> Iterator[tuple[str, Posterior, float]]:
@@ -89,6 +93,6 @@ def _processes(model: LearnedModel) -> Iterator[tuple[str, Posterior, float]]:
         if len(candidate.commands) > 1 or candidate.process is None:
             continue
         (j,), latents = candidate.commands, candidate.process.latents()
-        own = candidate.structure == model.chosen[j] and getattr(candidate, "name", "default") == "default"
-        if latents and own:
+        in_use = candidate.structure == model.chosen[j] and getattr(candidate, "name", "default") == "default"
+        if latents and in_use:
             yield model.commands[j], latents[0][0], float(candidate.units[1, 0])

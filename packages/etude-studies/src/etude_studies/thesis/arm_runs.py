@@ -45,8 +45,8 @@ def _member(process: str, points: int = 500 * ROUNDS) -> Settings:
 
 def _evaluated(steps: int, schedule: str = "", rule: Rule = "error") -> Settings:
     """A dictionary whose steps are evaluations of the likelihood."""
-    given = {"schedule": schedule} if schedule else {}
-    return _dictionary({"model": {"steps": -steps, **given}}, rule)
+    keys = {"schedule": schedule} if schedule else {}
+    return _dictionary({"model": {"steps": -steps, **keys}}, rule)
 
 
 def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
@@ -168,10 +168,10 @@ CONTROLLERS = {
 def arm_spec(settings: Mapping[str, Any], seed: int) -> Spec:
     """A run with the motions that it shares with others of its seed."""
     shared = ("robot", "preset", "draw", "own_omega0")
-    own = {name: settings[name] for name in shared if name in settings}
+    draw_settings = {name: settings[name] for name in shared if name in settings}
     motions = settings.get("motions", "scaled")
-    own["motions"] = motions if motions in ("amplitude", *WAVES) else "scaled"
-    draws = Spec("etude_studies.thesis.arm_motions:draws", own, seed)
+    draw_settings["motions"] = motions if motions in ("amplitude", *WAVES) else "scaled"
+    draws = Spec("etude_studies.thesis.arm_motions:draws", draw_settings, seed)
     return Spec("etude_studies.thesis.arm:run", settings, seed, [draws])
 
 

@@ -88,8 +88,8 @@ class ArmSettings:
     def family(self) -> Family:
         """The motions that may be drawn or designed."""
         world = self.world
-        found = world.kind.family(world.spec, world.config)
-        return JointByJointFamily.of(found) if self.own_omega0 else found  # type: ignore[arg-type]
+        family = world.kind.family(world.spec, world.config)
+        return JointByJointFamily.of(family) if self.own_omega0 else family  # type: ignore[arg-type]
 
 
 def perturbed(robot: Robot, plant: Mapping[str, float]) -> Robot:
@@ -101,17 +101,17 @@ def perturbed(robot: Robot, plant: Mapping[str, float]) -> Robot:
         return robot
     gain, friction, noise = (plant.get(name, 1.0) for name in ("gain", "friction", "noise"))
     changed: Any = robot.changed(friction=friction)
-    own = changed.parameters.controller
+    control = changed.parameters.controller
     controller = msgspec.structs.replace(
-        own,
-        kp=tuple(gain * kp for kp in own.kp),
-        kd=tuple(gain * kd for kd in own.kd),
-        encoder_noise_degrees=noise * own.encoder_noise_degrees,
+        control,
+        kp=tuple(gain * kp for kp in control.kp),
+        kd=tuple(gain * kd for kd in control.kd),
+        encoder_noise_degrees=noise * control.encoder_noise_degrees,
     )
-    found: Robot = replace(
+    perturbed_robot: Robot = replace(
         changed, parameters=msgspec.structs.replace(changed.parameters, controller=controller)
     )
-    return found
+    return perturbed_robot
 
 
 @lru_cache(maxsize=8)

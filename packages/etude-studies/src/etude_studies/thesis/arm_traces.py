@@ -55,18 +55,18 @@ def traces(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFr
         seed: of the study. needs: the table of `arm_motions.draws`.
     """
     after = {int(number) for number in settings["after"]}
-    own = ArmSettings(**{name: value for name, value in settings.items() if name != "after"})
-    world, found = own.world, list[Measured]()
-    motion = tests_of(own.robot, seed)[PRIMARY]
+    arm_settings = ArmSettings(**{name: value for name, value in settings.items() if name != "after"})
+    world, rows = arm_settings.world, list[Measured]()
+    motion = tests_of(arm_settings.robot, seed)[PRIMARY]
     with threads_for(0):
-        for stage in stages(own, seed, training_motions(next(iter(needs.values())))):
+        for stage in stages(arm_settings, seed, training_motions(next(iter(needs.values())))):
             if stage.number in after:
                 command = stage.model.mean(plan_of(world, stage.model, motion))
-                given = Given(command, world.spec.rate, world.kind.limit(world.spec))
-                log = tested(own, motion, given, seed, PRIMARY)
-                found += drawn_rows(log, world, f"after {stage.number}")
-                found += joint_rows(stage.number, PRIMARY, "", world, standing(log, world.spec.rate))
-    return found
+                applied = Given(command, world.spec.rate, world.kind.limit(world.spec))
+                log = tested(arm_settings, motion, applied, seed, PRIMARY)
+                rows += drawn_rows(log, world, f"after {stage.number}")
+                rows += joint_rows(stage.number, PRIMARY, "", world, standing(log, world.spec.rate))
+    return rows
 
 
 def drawn_rows(log: Log, world: World, test: str) -> Iterator[Measured]:

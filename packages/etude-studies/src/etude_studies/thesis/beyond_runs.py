@@ -26,12 +26,12 @@ FACTORS: Mapping[str, tuple[str, Settings]] = {
 
 
 def _process(rung: str, robot: str = "arm4", criterion: str = "", **other: Any) -> Settings:
-    found: Settings = {"robot": robot, "preset": "default", "rounds": ROUNDS, "model": {"rung": rung}}
+    settings: Settings = {"robot": robot, "preset": "default", "rounds": ROUNDS, "model": {"rung": rung}}
     if criterion:
-        found |= {"motions": "designed", "design": {"criterion": criterion}}
+        settings |= {"motions": "designed", "design": {"criterion": criterion}}
     for table, keys in other.items():
-        found[table] = {**found.get(table, {}), **keys} if isinstance(keys, Mapping) else keys
-    return found
+        settings[table] = {**settings.get(table, {}), **keys} if isinstance(keys, Mapping) else keys
+    return settings
 
 
 def _criteria() -> dict[str, tuple[str, Settings]]:
@@ -56,14 +56,14 @@ def _unmodelled() -> dict[str, tuple[str, Settings]]:
         "identified+gp": "identified and process",
         "identified": "identified alone",
     }
-    found = {}
+    runs = {}
     for rung, what in rungs.items():
         name = f"DU_{rung.replace('+', '_')}"
-        found[name] = (f"arm with unmodelled physics, {what}, random", _process(rung, ROUGH))
+        runs[name] = (f"arm with unmodelled physics, {what}, random", _process(rung, ROUGH))
         if rung.endswith("gp"):
             designed = _process(rung, ROUGH, "log_ivr")
-            found[f"{name}_designed"] = (f"arm with unmodelled physics, {what}, designed", designed)
-    return found
+            runs[f"{name}_designed"] = (f"arm with unmodelled physics, {what}, designed", designed)
+    return runs
 
 
 def _ablations() -> dict[str, tuple[str, Settings]]:

@@ -60,10 +60,10 @@ def catalogue() -> Mapping[str, Run]:
     for name, (what, settings) in MINIATURE.items():
         runs.append(Run(name, what, SMALL_SEEDS, partial(arm_spec, settings)))
     for name, (what, flight) in FLIGHT_RUNS.items():
-        runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, flight.told)))
+        runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, flight.recorded)))
     for name, (what, flight) in SMALL_FLIGHTS.items():
-        runs.append(Run(name, what, SMALL_SEEDS, partial(flight_spec, flight.told)))
-    runs += [Run(name, *own) for name, own in SMALL_RUNS.items()]
+        runs.append(Run(name, what, SMALL_SEEDS, partial(flight_spec, flight.recorded)))
+    runs += [Run(name, *description) for name, description in SMALL_RUNS.items()]
     return {run.name: run for run in runs}
 
 
@@ -74,9 +74,9 @@ def flight_spec(settings: Mapping[str, Any], seed: int) -> Spec:
 
 def run_named(name: str) -> Run:
     """The run of that name. UsageError with the nearest if there is none."""
-    known = catalogue()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, 1)
+    runs = catalogue()
+    if name not in runs:
+        near = difflib.get_close_matches(name, runs, 1)
         hint = f"Did you mean {near[0]}? " if near else ""
-        raise UsageError(f"there is no run {name!r}", next_step=f"{hint}Known: {', '.join(known)}.")
-    return known[name]
+        raise UsageError(f"there is no run {name!r}", next_step=f"{hint}Known: {', '.join(runs)}.")
+    return runs[name]

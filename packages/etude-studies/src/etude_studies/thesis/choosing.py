@@ -36,8 +36,13 @@ def ledger() -> Ledger:
 
 def ids() -> tuple[str, ...]:
     """Everything that can be run or shown."""
-    own = ledger()
-    return (*GROUPS, *(e.id for e in own.entries), *(c.id for c in own.claims), *catalogue())
+    claims_ledger = ledger()
+    return (
+        *GROUPS,
+        *(e.id for e in claims_ledger.entries),
+        *(c.id for c in claims_ledger.claims),
+        *catalogue(),
+    )
 
 
 def runs_of(id: str) -> tuple[str, ...]:
@@ -46,21 +51,21 @@ def runs_of(id: str) -> tuple[str, ...]:
     Raises:
         UsageError: there is no such id (with the nearest), or a claim that no run answers (with the reason).
     """
-    own = ledger()
+    claims_ledger = ledger()
     if id in catalogue():
         return (id,)
     if id in GROUPS:
-        whole = [own for own in GROUPS if own not in ("miniature", "all")]
-        wanted = whole if id == "all" else [id]
-        return tuple(name for name in catalogue() if group_of(name) in wanted)
-    entry = next((one for one in own.entries if one.id == id), None)
+        whole = [group for group in GROUPS if group not in ("miniature", "all")]
+        selected = whole if id == "all" else [id]
+        return tuple(name for name in catalogue() if group_of(name) in selected)
+    entry = next((one for one in claims_ledger.entries if one.id == id), None)
     if entry is not None:
         over_time = "t" if entry.kind == "trace" else ""
         return _there((*(row.run + over_time for row in entry.rows), *entry.lines))
-    claim = next((one for one in own.claims if one.id == id), None)
+    claim = next((one for one in claims_ledger.claims if one.id == id), None)
     if claim is None:
         raise unknown(id)
-    return _of_claim(own, claim)
+    return _of_claim(claims_ledger, claim)
 
 
 def group_of(name: str) -> str:
@@ -78,12 +83,12 @@ def group_of(name: str) -> str:
 
 def entries_of(id: str) -> tuple[Entry, ...]:
     """The figures and tables that an id shows: itself, or what a claim rests on."""
-    own = ledger()
-    if any(entry.id == id for entry in own.entries):
-        return (own.entry(id),)
-    if any(claim.id == id for claim in own.claims):
-        return tuple(own.entry(name) for name in own.claim(id).rests_on)
-    return own.entries if id in ("thesis", "all") else ()
+    claims_ledger = ledger()
+    if any(entry.id == id for entry in claims_ledger.entries):
+        return (claims_ledger.entry(id),)
+    if any(claim.id == id for claim in claims_ledger.claims):
+        return tuple(claims_ledger.entry(name) for name in claims_ledger.claim(id).rests_on)
+    return claims_ledger.entries if id in ("thesis", "all") else ()
 
 
 def unknown(id: str) -> UsageError:
@@ -95,10 +100,10 @@ def unknown(id: str) -> UsageError:
     )
 
 
-def _of_claim(own: Ledger, claim: Claim) -> tuple[str, ...]:
+def _of_claim(claims_ledger: Ledger, claim: Claim) -> tuple[str, ...]:
     if claim.untestable:
         raise UsageError(f"{claim.id} cannot be tested here: {claim.untestable}")
-    parts = [part for one in claim.alias_of or (claim.id,) for part in own.claim(one).parts]
+    parts = [part for one in claim.alias_of or (claim.id,) for part in claims_ledger.claim(one).parts]
     return _there([source for part in parts for source in part.sources])
 
 

@@ -33,13 +33,22 @@ class Chosen:
     @property
     def specs(self) -> list[Spec]:
         """Seed by seed, so that an end in between leaves whole seeds."""
-        longest = max((len(own) for own in self.by_run.values()), default=0)
-        return [own[i] for i in range(longest) for own in self.by_run.values() if i < len(own)]
+        longest = max((len(specs_of_run) for specs_of_run in self.by_run.values()), default=0)
+        return [
+            specs_of_run[i]
+            for i in range(longest)
+            for specs_of_run in self.by_run.values()
+            if i < len(specs_of_run)
+        ]
 
     @property
     def names(self) -> dict[Spec, str]:
         """What people call each."""
-        return {spec: f"{run} seed {spec.seed}" for run, own in self.by_run.items() for spec in own}
+        return {
+            spec: f"{run} seed {spec.seed}"
+            for run, specs_of_run in self.by_run.items()
+            for spec in specs_of_run
+        }
 
     def computed(self, store: Path, options: Mapping[str, Any], say: Say) -> Report:
         """As far as the store has no results of them.

@@ -75,9 +75,9 @@ def contrasts(
     """
     check(part)
     cells = _Cells(part, results)
-    known = {} if block else planned or {}
-    plan = min(known.get(run_of(source), block or seeds) for source in cells.stored)
-    most = [count for source in cells.stored if (count := known.get(run_of(source), block))]
+    seeds_by_run = {} if block else planned or {}
+    plan = min(seeds_by_run.get(run_of(source), block or seeds) for source in cells.stored)
+    most = [count for source in cells.stored if (count := seeds_by_run.get(run_of(source), block))]
     counted = sorted(set.intersection(*cells.stored.values()))[: min(most, default=None)]
     if part.statistic == EACH:
         return tuple(_contrast(cells, counted, plan, (k,), k) for k in part.at)
@@ -97,8 +97,8 @@ class _Cells:
         """By seed, in joint or command `name`."""
         key = (source, k, name)
         if key not in self._read:
-            own = self.part
-            self._read[key] = self._results.values(source, own.measure, k, own.test, name)
+            part = self.part
+            self._read[key] = self._results.values(source, part.measure, k, part.test, name)
         return self._read[key]
 
     def _seeds(self, source: str) -> set[int]:
@@ -118,8 +118,8 @@ class _Seed:
         return self.cells.part
 
     def m(self, source: str, k: int, name: str | None = None) -> float:
-        own = self.part.part if name is None else name
-        return self.cells.of(source, k, own).get(self.seed, math.nan)
+        part_name = self.part.part if name is None else name
+        return self.cells.of(source, k, part_name).get(self.seed, math.nan)
 
     def log(self, source: str, k: int, name: str | None = None) -> float:
         return _log(self.m(source, k, name))
@@ -129,62 +129,62 @@ class _Seed:
 
 
 def _contrast(cells: _Cells, seeds: Sequence[int], plan: int, at: Sequence[int], k: int | None) -> Contrast:
-    own = [_Seed(cells, seed) for seed in seeds]
+    readers = [_Seed(cells, seed) for seed in seeds]
     together = _TOGETHER.get(cells.part.statistic)
     if together is not None:
-        x = together(own, at) if own else np.empty(0)
+        x = together(readers, at) if readers else np.empty(0)
     else:
-        x = np.array([_STATISTICS[cells.part.statistic](one, at) for one in own])
+        x = np.array([_STATISTICS[cells.part.statistic](one, at) for one in readers])
     finite = {seed: float(value) for seed, value in zip(seeds, x, strict=True) if math.isfinite(value)}
-    stored = {source: len(found) for source, found in cells.stored.items()}
+    stored = {source: len(seeds_stored) for source, seeds_stored in cells.stored.items()}
     return Contrast(finite, max(plan, len(seeds)), stored, k)
 
 
-def _ratio(own: _Seed, at: Sequence[int]) -> float:
-    return own.ratio(own.part.a, own.part.b or "", at)
+def _ratio(seed: _Seed, at: Sequence[int]) -> float:
+    return seed.ratio(seed.part.a, seed.part.b or "", at)
 
 
-def _rises(own: _Seed, at: Sequence[int]) -> float:
+def _rises(seed: _Seed, at: Sequence[int]) -> float:
     steps = [(k, after) for k, after in pairwise(at) if after == k + 1]
 
     def share(source: str) -> float:
-        logs = [own.log(source, after) - own.log(source, k) for k, after in steps]
+        logs = [seed.log(source, after) - seed.log(source, k) for k, after in steps]
         return _mean(float(rise > math.log(RISE)) if math.isfinite(rise) else math.nan for rise in logs)
 
-    return share(own.part.a) - (share(own.part.b) if own.part.b else 0.0)
+    return share(seed.part.a) - (share(seed.part.b) if seed.part.b else 0.0)
 
 
-def _slope(own: _Seed, at: Sequence[int]) -> float:
-    part = own.part
+def _slope(seed: _Seed, at: Sequence[int]) -> float:
+    part = seed.part
 
     def decrease(source: str, ends: Sequence[int]) -> float:
         first, last = ends[0], ends[-1]
-        return (own.log(source, first) - own.log(source, last)) / (last - first)
+        return (seed.log(source, first) - seed.log(source, last)) / (last - first)
 
     if not part.b and not part.against:
         return decrease(part.a, at)
     return decrease(part.a, at) - decrease(part.b or part.a, part.against or at)
 
 
-def _value(own: _Seed, at: Sequence[int]) -> float:
-    part = own.part
+def _value(seed: _Seed, at: Sequence[int]) -> float:
+    part = seed.part
     if part.log:
-        return _mean(own.log(part.a, k) for k in at) - _log_bound(part)
-    return _mean(own.m(part.a, k) for k in at) - (part.bound or 0.0)
+        return _mean(seed.log(part.a, k) for k in at) - _log_bound(part)
+    return _mean(seed.m(part.a, k) for k in at) - (part.bound or 0.0)
 
 
 def _gap(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
     part = seeds[0].part
-    first = np.array([_ratio(own, at) for own in seeds])
+    first = np.array([_ratio(seed, at) for seed in seeds])
     if not part.c:
         return _sizes(first)[0] - _log_bound(part)
-    second = np.array([own.ratio(part.c, part.d or "", at) for own in seeds])
+    second = np.array([seed.ratio(part.c, part.d or "", at) for seed in seeds])
     return np.subtract(*_sizes(first, second))
 
 
 def _shrinks(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
     return np.subtract(
-        *_sizes(*(np.array([_ratio(own, ends) for own in seeds]) for ends in (at[:1], at[-1:])))
+        *_sizes(*(np.array([_ratio(seed, ends) for seed in seeds]) for ends in (at[:1], at[-1:])))
     )
 
 
@@ -194,25 +194,25 @@ def _sizes(*effects: Array) -> list[Array]:
     The mean of single seeds' sizes would grow with the noise.
     """
     whole = np.isfinite(effects).all(axis=0)
-    return [own * (-1.0 if own[whole].sum() < 0.0 else 1.0) for own in effects]
+    return [effect * (-1.0 if effect[whole].sum() < 0.0 else 1.0) for effect in effects]
 
 
-def _rank(own: _Seed, at: Sequence[int]) -> float:
-    among = own.part.among or ()
+def _rank(seed: _Seed, at: Sequence[int]) -> float:
+    among = seed.part.among or ()
 
     def rank(k: int) -> float:
-        mine, all_ = own.m(own.part.a, k), np.array([own.m(source, k) for source in among])
+        mine, all_ = seed.m(seed.part.a, k), np.array([seed.m(source, k) for source in among])
         if not np.isfinite(all_).all():
             return math.nan
         # equals share their ranks
         return 0.5 + float(np.mean([np.count_nonzero(all_ < mine), np.count_nonzero(all_ <= mine)]))
 
-    return _mean(rank(k) for k in at) - (own.part.bound or 0.0)
+    return _mean(rank(k) for k in at) - (seed.part.bound or 0.0)
 
 
-def _reach(own: _Seed, at: Sequence[int]) -> float:
-    part = own.part
-    a, b = ([own.log(source, k) for k in at] for source in (part.a, part.b or ""))
+def _reach(seed: _Seed, at: Sequence[int]) -> float:
+    part = seed.part
+    a, b = ([seed.log(source, k) for k in at] for source in (part.a, part.b or ""))
     if not np.isfinite([a, b]).all():
         return math.nan
     # what b needs for a's last value is the other side of the scale: a's own need against the last count is
@@ -232,23 +232,23 @@ def _needed(logs: Sequence[float], level: float, at: Sequence[int]) -> float:
 
 def _spread(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
     part = seeds[0].part
-    logs = np.array([[_mean(own.log(source, k) for k in at) for own in seeds] for source in part.among])
+    logs = np.array([[_mean(seed.log(source, k) for k in at) for seed in seeds] for source in part.among])
     means = logs[:, np.isfinite(logs).all(axis=0)].sum(axis=1)
     return np.asarray(logs[means.argmax()] - logs[means.argmin()] + 0.0 * logs.sum(axis=0) - _log_bound(part))
 
 
 def _extreme(choose: Callable[[list[float]], float]) -> Callable[[_Seed, Sequence[int]], float]:
-    def statistic(own: _Seed, at: Sequence[int]) -> float:
-        a, b, mine = own.part.a, own.part.b, own.part.part
-        others = [name for name in parts_read(own.part) if name != mine]
+    def statistic(seed: _Seed, at: Sequence[int]) -> float:
+        a, b, mine = seed.part.a, seed.part.b, seed.part.part
+        others = [name for name in parts_read(seed.part) if name != mine]
 
         def log(k: int, name: str) -> float:
-            return own.log(a, k, name) - (own.log(b, k, name) if b else 0.0)
+            return seed.log(a, k, name) - (seed.log(b, k, name) if b else 0.0)
 
         def beyond(k: int) -> float:
-            rest = [log(k, name) for name in others]
+            other_logs = [log(k, name) for name in others]
             # min and max would pass over a NaN
-            return log(k, mine) - choose(rest) if np.isfinite(rest).all() else math.nan
+            return log(k, mine) - choose(other_logs) if np.isfinite(other_logs).all() else math.nan
 
         return _mean(beyond(k) for k in at)
 

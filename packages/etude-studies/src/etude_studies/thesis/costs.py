@@ -73,50 +73,50 @@ def run(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFrame]) -
     Args:
         settings: of `CostSettings`. seed: of the motions.
     """
-    own, rng = CostSettings(**settings), np.random.default_rng(seed)
+    config, rng = CostSettings(**settings), np.random.default_rng(seed)
     X = motions(3, rng)
     X = X[rng.permutation(len(X))]
     y = outputs(X, rng)
     with threads_for(0):
-        exact = list(_exact(own, X, y))
-        found = [*exact]
-        for m in own.points:
-            found += _spectrum(own, X, y, own.samples, m, m, "spectrum", rng)
-        for n in own.taught:
-            found += _spectrum(own, X, y, n, own.basis, n, "spectrum_n", rng)
-        found += _slopes(exact, own.sloped) + _slopes(found, own.points_sloped, "spectrum")
-        found += _slopes(found, own.sloped, "spectrum_n")
-        found += _extrapolated(own, exact, evaluations(own, X, y))
-        found.append(Measured(own.members, "", "dictionary", "mean", "cpu_swap", _swap(own, X, y)))
-    return found
+        exact = list(_exact(config, X, y))
+        rows = [*exact]
+        for m in config.points:
+            rows += _spectrum(config, X, y, config.samples, m, m, "spectrum", rng)
+        for n in config.taught:
+            rows += _spectrum(config, X, y, n, config.basis, n, "spectrum_n", rng)
+        rows += _slopes(exact, config.sloped) + _slopes(rows, config.points_sloped, "spectrum")
+        rows += _slopes(rows, config.sloped, "spectrum_n")
+        rows += _extrapolated(config, exact, evaluations(config, X, y))
+        rows.append(Measured(config.members, "", "dictionary", "mean", "cpu_swap", _swap(config, X, y)))
+    return rows
 
 
-def _exact(own: CostSettings, X: Array, y: Array) -> Iterator[Measured]:
-    for n in own.exact:
+def _exact(config: CostSettings, X: Array, y: Array) -> Iterator[Measured]:
+    for n in config.exact:
         gp = process(NOISE)
-        yield from _costs(gp, X[:n], y[:n], X[-own.block :], n, "exact", own.least_s)
+        yield from _costs(gp, X[:n], y[:n], X[-config.block :], n, "exact", config.least_s)
 
 
 def _spectrum(
-    own: CostSettings, X: Array, y: Array, n: int, m: int, k: int, model: str, rng: np.random.Generator
+    config: CostSettings, X: Array, y: Array, n: int, m: int, k: int, model: str, rng: np.random.Generator
 ) -> list[Measured]:
     """m learned spectral points taught n samples."""
     gp = process(NOISE)
     points = rng.standard_normal((m, INPUTS))
     spectrum = SparseSpectrumGP(points, gp.theta, gp.log_noise, gp.noise_floor, learned=True)
-    return list(_costs(spectrum, X[:n], y[:n], X[-own.block :], k, model, own.least_s))
+    return list(_costs(spectrum, X[:n], y[:n], X[-config.block :], k, model, config.least_s))
 
 
 def _costs(
-    gp: ExactGP | SparseSpectrumGP, X: Array, y: Array, asked: Array, k: int, model: str, least_s: float
+    gp: ExactGP | SparseSpectrumGP, X: Array, y: Array, queries: Array, k: int, model: str, least_s: float
 ) -> Iterator[Measured]:
-    posterior, one = gp.condition(X, y), asked[:1]
+    posterior, one = gp.condition(X, y), queries[:1]
     calls: dict[str, tuple[Callable[[], object], int]] = {
         TRAINING: (lambda: gp.log_marginal_likelihood(X, y), 1),
         "cpu_mean": (lambda: posterior.mean(one), 1),
         "cpu_predict": (lambda: posterior.predict(one), 1),
-        MEAN: (lambda: posterior.mean(asked), len(asked)),
-        VARIANCE: (lambda: posterior.predict(asked), len(asked)),
+        MEAN: (lambda: posterior.mean(queries), len(queries)),
+        VARIANCE: (lambda: posterior.predict(queries), len(queries)),
     }
     for name, (call, parts) in calls.items():
         yield Measured(k, "", model, "mean", name, seconds(call, least_s) / parts)
@@ -146,34 +146,34 @@ def growth(sizes: Sequence[float], costs: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
 
 
-def _slopes(found: Sequence[Measured], least: int, model: str = "exact") -> list[Measured]:
-    rows = [row for row in found if row.model == model and row.k >= least]
+def _slopes(measurements: Sequence[Measured], least: int, model: str = "exact") -> list[Measured]:
+    rows = [row for row in measurements if row.model == model and row.k >= least]
     slopes = []
     for name, measure in SLOPES.items():
-        own = [row for row in rows if row.measure == measure]
-        slope = growth([row.k for row in own], [row.value for row in own])
+        series = [row for row in rows if row.measure == measure]
+        slope = growth([row.k for row in series], [row.value for row in series])
         slopes.append(Measured(0, "", model, "mean", name, slope))
     return slopes
 
 
-def evaluations(own: CostSettings, X: Array, y: Array) -> int:
+def evaluations(config: CostSettings, X: Array, y: Array) -> int:
     """Likelihoods that a training of so many line searches evaluates, from the thesis's start values."""
-    X, y = X[: own.counted], y[: own.counted] - y[: own.counted].mean()
+    X, y = X[: config.counted], y[: config.counted] - y[: config.counted].mean()
     start = initial_gp(process(NOISE).kernel, X, y)
 
     def objective(parameters: Array) -> tuple[float, Array]:
         value, gradient = start.with_parameters(parameters).log_marginal_likelihood(X, y)
         return -value, -gradient
 
-    return minimize(objective, start.parameters, own.searches).evaluations
+    return minimize(objective, start.parameters, config.searches).evaluations
 
 
-def _extrapolated(own: CostSettings, exact: Sequence[Measured], count: int) -> Iterator[Measured]:
+def _extrapolated(config: CostSettings, exact: Sequence[Measured], count: int) -> Iterator[Measured]:
     """From the largest size measured: training as its cube, the variance as its square, the Gram matrix."""
-    model, largest = "exact_extrapolated", max(own.exact)
+    model, largest = "exact_extrapolated", max(config.exact)
     measured = {row.measure: row.value for row in exact if row.k == largest}
     yield Measured(0, "", "exact", "mean", "cpu_evaluations", count)
-    for n in own.beyond:
+    for n in config.beyond:
         factor = n / largest
         train, predict = measured[TRAINING] * factor**3, measured["cpu_predict"] * factor**2
         figures = {TRAINING: train, "cpu_train_hours": count * train / 3600.0}
@@ -181,13 +181,13 @@ def _extrapolated(own: CostSettings, exact: Sequence[Measured], count: int) -> I
         yield from (Measured(n, "", model, "mean", name, value) for name, value in figures.items())
 
 
-def _swap(own: CostSettings, X: Array, y: Array) -> float:
+def _swap(config: CostSettings, X: Array, y: Array) -> float:
     """Median over samples that took a member's place of the cost of offering them, s."""
-    stream = DictionaryGP(process(NOISE), DictionaryConfig(size=own.members)).stream(INPUTS)
-    first = own.members + 1  # one more than it holds: the exchange is compiled
+    stream = DictionaryGP(process(NOISE), DictionaryConfig(size=config.members)).stream(INPUTS)
+    first = config.members + 1  # one more than it holds: the exchange is compiled
     stream.offer(X[:first], y[:first])
     times = []
-    for i in range(first, first + own.offered):
+    for i in range(first, first + config.offered):
         before, began = stream.replacements, time.process_time()
         stream.offer(X[i : i + 1], y[i : i + 1])
         spent = time.process_time() - began

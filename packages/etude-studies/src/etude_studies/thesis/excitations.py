@@ -50,8 +50,8 @@ def wave(settings: ArmSettings, name: Wave, rng: np.random.Generator) -> Fourier
     still: Array = family.coefficients(room.centre)
     coefficients = still + series_of(velocities)
     p: Array = family.parameters(coefficients)
-    found: FourierTrajectory = family.trajectory(room.enlarge(p))
-    return found
+    trajectory: FourierTrajectory = family.trajectory(room.enlarge(p))
+    return trajectory
 
 
 def chirp(rng: np.random.Generator) -> Array:
@@ -88,13 +88,15 @@ def least_condition(settings: ArmSettings, samples: Samples, rng: np.random.Gene
     physics = world.kind.physics(world.spec, world.config)["identified"]
     assert isinstance(physics, SupportsRegressors)
     maps = physics.regressors()
-    known = [_gram(own, _states(samples)) for own in maps]
+    grams = [_gram(mapping, _states(samples)) for mapping in maps]
     t = np.linspace(0.0, family.duration, PLANNED)
     weight = len(samples) / PLANNED / max(1, len(np.unique(samples.group)))  # a motion counts as one logged
 
     def score(p: Array) -> float:
         X = np.concatenate(list(family.motion(p, t).orders), axis=1)
-        return log_condition([G + weight * _gram(own, X) for G, own in zip(known, maps, strict=True)])
+        return log_condition(
+            [G + weight * _gram(regressor, X) for G, regressor in zip(grams, maps, strict=True)]
+        )
 
     return family.trajectory(_searched(score, room, rng))
 
@@ -119,18 +121,18 @@ def log_condition(grams: Sequence[Array]) -> float:
     Columns have unit norm (van der Sluis 1969), so that units do not matter. Directions that no motion
     excites do not count.
     """
-    found = []
+    conditions = []
     for G in grams:
         size = np.sqrt(G.diagonal())
         acts = size > ABSENT * size.max()
         values = np.linalg.eigvalsh((G / np.outer(size + ~acts, size + ~acts))[np.ix_(acts, acts)])
         values = values[values > ABSENT * values[-1]]
-        found.append(0.5 * np.log(values[-1] / values[0]))
-    return float(np.mean(found))
+        conditions.append(0.5 * np.log(values[-1] / values[0]))
+    return float(np.mean(conditions))
 
 
-def _gram(own: Any, X: Array) -> Array:
-    features = own.transform(X)[:, 1:]  # without the file's masses, a combination of the others
+def _gram(regressor: Any, X: Array) -> Array:
+    features = regressor.transform(X)[:, 1:]  # without the file's masses, a combination of the others
     return np.asarray(features.T @ features)
 
 

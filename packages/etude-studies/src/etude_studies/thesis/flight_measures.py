@@ -55,14 +55,14 @@ def variances_at(model: LearnedModel, X: Array) -> tuple[Array, Array]:
     latent, noise = [], []
     for candidate, posterior in zip(model.candidates, processes(model), strict=True):
         factor = candidate.units[1, 0]
-        seen = solve_triangular(
+        explained = solve_triangular(
             posterior.L, posterior.kernel.value(posterior.theta, posterior.X, X), lower=True
         )
         prior = posterior.kernel.diagonal(posterior.theta, X)
-        latent.append(factor**2 * np.maximum(prior - np.einsum("nt,nt->t", seen, seen), 0.0))
+        latent.append(factor**2 * np.maximum(prior - np.einsum("nt,nt->t", explained, explained), 0.0))
         noise.append(factor**2 * posterior.noise_variance)
-    found = np.stack(latent, axis=1)
-    return found, found + np.array(noise)
+    latent_variance = np.stack(latent, axis=1)
+    return latent_variance, latent_variance + np.array(noise)
 
 
 def own_figures(model: LearnedModel, test: FlightSet) -> Iterator[Figure]:
@@ -85,9 +85,11 @@ def lines(settings: FlightSettings, last: Round) -> dict[str, Mean | Linear]:
     """
     world = flights_of(settings.place).world
     physics = world.kind.physics(world.spec, settings.learning.config)
-    found: dict[str, Mean | Linear] = {name: own(last.samples) for name, own in physics.items()}
-    found["linear"] = Linear.of(last.model.inputs, last.samples.log, last.samples.command)
-    return found
+    models: dict[str, Mean | Linear] = {
+        name: physics_of(last.samples) for name, physics_of in physics.items()
+    }
+    models["linear"] = Linear.of(last.model.inputs, last.samples.log, last.samples.command)
+    return models
 
 
 def line_figures(mean: Mean | Linear, test: FlightSet) -> Iterator[Figure]:
@@ -109,14 +111,14 @@ def ahead_figures(model: LearnedModel, test: FlightSet) -> Iterator[Figure]:
 
 
 def by_command(
-    vehicle: str, unit: Array, k: int, test: str, line: str, found: Iterator[Figure]
+    vehicle: str, unit: Array, k: int, test: str, line: str, figures: Iterator[Figure]
 ) -> Iterator[Measured]:
     """A figure of each command and their mean, for which commands of different units are divided by `unit`.
 
     Args:
         unit: (4,) deviations of the Pelican's commands over the tests; ones for motors, all in V.
     """
-    for name, values in found:
+    for name, values in figures:
         for part, value in zip(PARTS[vehicle], values, strict=True):
             yield Measured(k, test, line, part, name, float(value))
         shared = values - np.log(unit) if name == "nlpd" else values / unit ** POWERS.get(name, 0)
@@ -141,12 +143,12 @@ def coverage_figures(data: Array, reference: Array, scale: Array) -> Iterator[tu
     yield "fill", float(distance.max())
 
 
-def nearest(new: Array, known: Array, scale: Array) -> Array:
-    """(T,) distance of each of `new` (T, D) to the nearest of `known` (n, D), in units of `scale` (D,)."""
-    return np.asarray(cKDTree(known / scale).query(new / scale)[0])
+def nearest(new: Array, training: Array, scale: Array) -> Array:
+    """(T,) distance of each of `new` (T, D) to the nearest of `training` (n, D), in units of `scale` (D,)."""
+    return np.asarray(cKDTree(training / scale).query(new / scale)[0])
 
 
 def half_range(X: Array) -> Array:
     """(D,) of the columns of X (n, D); 1 of one that never changes."""
-    found = 0.5 * np.ptp(X, axis=0)
-    return np.where(found > 0.0, found, 1.0)
+    halves = 0.5 * np.ptp(X, axis=0)
+    return np.where(halves > 0.0, halves, 1.0)

@@ -42,11 +42,11 @@ def run(
         settings: `members`, names of `MEMBERS`, and `after`, flights learned; all of both if not given.
             Others are those of `FlightSettings`. seed: of the study. needs: nothing.
     """
-    given = dict(settings)
-    names, after = given.pop("members", tuple(MEMBERS)), given.pop("after", AFTER)
-    own = FlightSettings(**{"flights": max(after), **given})
+    keys = dict(settings)
+    names, after = keys.pop("members", tuple(MEMBERS)), keys.pop("after", AFTER)
+    flight_settings = FlightSettings(**{"flights": max(after), **keys})
     with threads_for(0):
-        return [row for k in after for name in names for row in _member(own, seed, k, name)]
+        return [row for k in after for name in names for row in _member(flight_settings, seed, k, name)]
 
 
 def _member(settings: FlightSettings, seed: int, k: int, name: str) -> Iterator[Measured]:
@@ -58,7 +58,7 @@ def _member(settings: FlightSettings, seed: int, k: int, name: str) -> Iterator[
     model = world.learned(samples, config, np.random.default_rng([seed, TRAIN])).model
     yield Measured(k, "", name, "mean", "cpu_train", time.process_time() - began)
     tests = flown_tests(settings, seed).sets
-    for test in (own for own in SETS if own in tests):
+    for test in (test_name for test_name in SETS if test_name in tests):
         yield from by_command(settings.vehicle, unit, k, test, name, _errors(model, tests[test]))
 
 

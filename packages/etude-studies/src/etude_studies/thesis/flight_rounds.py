@@ -69,17 +69,17 @@ def rounds(settings: FlightSettings, seed: int) -> Iterator[Round]:
 def random_flights(settings: FlightSettings, seed: int) -> tuple[Log, ...]:
     """The logs of an arm that no model chooses: those of `rounds`, without learning."""
     flights = flights_of(settings.place)
-    found = _flown(settings.learning, seed, _first_parameters(settings.learning, seed), 1)
+    logs = _flown(settings.learning, seed, _first_parameters(settings.learning, seed), 1)
     for number in range(2, settings.flights + 1):
         rng = np.random.default_rng([seed, ARM + ARMS.index(settings.arm), number])
-        found += _flown(settings.learning, seed, SAMPLERS[settings.arm](rng, flights.feasible)[0], number)
-    return found
+        logs += _flown(settings.learning, seed, SAMPLERS[settings.arm](rng, flights.feasible)[0], number)
+    return logs
 
 
 def _first_parameters(learning: Learning, seed: int) -> Array:
     flights = flights_of(learning.place)
-    found: Array = SAMPLERS["uniform"](np.random.default_rng([seed, FIRST]), flights.feasible)[0]
-    return found
+    parameters: Array = SAMPLERS["uniform"](np.random.default_rng([seed, FIRST]), flights.feasible)[0]
+    return parameters
 
 
 @lru_cache(maxsize=8)
@@ -91,8 +91,8 @@ def first_round(learning: Learning, seed: int) -> Round:
     samples = learning.place.samples(*logs)
     began = time.process_time()
     world = replace(flights.world, config=learning.config)
-    found = world.learned(samples, world.config.model, np.random.default_rng([seed, TRAIN]))
-    return Round(logs, (parameters,), samples, found.model, time.process_time() - began)
+    selection = world.learned(samples, world.config.model, np.random.default_rng([seed, TRAIN]))
+    return Round(logs, (parameters,), samples, selection.model, time.process_time() - began)
 
 
 def flown_round(learning: Learning, seed: int, last: Round, parameters: Array) -> Round:
@@ -117,9 +117,9 @@ def between_ground(flights: Flights, flight: Trajectory) -> Trajectory:
     """The flight from take-off to landing; both from and to just above the ground, which ends a flight."""
     world, vehicle = flights.world, flights.robot.vehicle
     pose = np.array([*flights.home[:2], vehicle.parameters.contact_height + CLEAR])
-    found = world.kind.approaches(world.spec, flight, pose)
-    assert found is not None
-    there, back = found
+    transitions = world.kind.approaches(world.spec, flight, pose)
+    assert transitions is not None
+    there, back = transitions
     return Chain((*there.parts, ("segment", flight), *back.parts))  # type: ignore[attr-defined]
 
 
@@ -153,36 +153,36 @@ def taught(model: LearnedModel, samples: Samples) -> LearnedModel:
     for candidate, posterior in zip(model.candidates, processes(model), strict=True):
         (command,), (offset, factor) = candidate.commands, candidate.units[:, 0]
         y = (samples.command[:, command] - offset) / factor
-        own = extended(posterior, X[len(posterior.X) :], y[len(posterior.X) :])
-        process = replace(candidate.process, own=(own,), teaching=None)  # type: ignore[type-var]
+        updated = extended(posterior, X[len(posterior.X) :], y[len(posterior.X) :])
+        process = replace(candidate.process, own=(updated,), teaching=None)  # type: ignore[type-var]
         candidates.append(replace(candidate, process=process))
     return replace(model, candidates=tuple(candidates))
 
 
 def processes(model: LearnedModel) -> list[ExactPosterior]:
     """The exact process of each candidate, which is that of one command."""
-    found = []
+    posteriors = []
     for candidate in model.candidates:
         assert candidate.process is not None
         ((posterior, _),) = candidate.process.latents()
         assert isinstance(posterior, ExactPosterior)
-        found.append(posterior)
-    return found
+        posteriors.append(posterior)
+    return posteriors
 
 
-def extended(known: ExactPosterior, X: Array, y: Array) -> ExactPosterior:
+def extended(posterior: ExactPosterior, X: Array, y: Array) -> ExactPosterior:
     """The posterior with more points X (m, D), y (m,): its factor grows by a block, at the price of n^2 m."""
-    kernel, theta, n, m = known.kernel, known.theta, len(known.X), len(X)
-    everything = np.concatenate([known.X, X]), np.concatenate([known.y, y])
-    across = solve_triangular(known.L, kernel.value(theta, known.X, X), lower=True)
-    own = kernel.value(theta, X, X) - across.T @ across
-    own[np.diag_indices(m)] += known.noise_variance + known.jitter
+    kernel, theta, n, m = posterior.kernel, posterior.theta, len(posterior.X), len(X)
+    everything = np.concatenate([posterior.X, X]), np.concatenate([posterior.y, y])
+    across = solve_triangular(posterior.L, kernel.value(theta, posterior.X, X), lower=True)
+    corner_block = kernel.value(theta, X, X) - across.T @ across
+    corner_block[np.diag_indices(m)] += posterior.noise_variance + posterior.jitter
     try:
-        corner = cholesky(own, lower=True)
+        corner = cholesky(corner_block, lower=True)
     except LinAlgError:  # rounding; a factor made at once says how much it had to add
-        return ExactGP(kernel, theta, 0.5 * float(np.log(known.noise_variance))).condition(*everything)
+        return ExactGP(kernel, theta, 0.5 * float(np.log(posterior.noise_variance))).condition(*everything)
     L = np.zeros((n + m, n + m), order="F")
-    L[:n, :n], L[n:, :n], L[n:, n:] = known.L, across.T, corner
-    found = replace(known, X=everything[0], y=everything[1])
-    found.__dict__["factor"] = L, known.jitter
-    return found
+    L[:n, :n], L[n:, :n], L[n:, n:] = posterior.L, across.T, corner
+    enlarged = replace(posterior, X=everything[0], y=everything[1])
+    enlarged.__dict__["factor"] = L, posterior.jitter
+    return enlarged

@@ -118,10 +118,14 @@ class FlightSettings:
         return Learning(self.place, self.noise_floor, self.acceleration, self.from_ground)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def recorded(self) -> dict[str, Any]:
         """The settings; without what was added after runs had been made, where it changes nothing."""
-        own = asdict(self)
-        return own if self.from_ground else {name: own[name] for name in own if name != "from_ground"}
+        settings = asdict(self)
+        return (
+            settings
+            if self.from_ground
+            else {name: settings[name] for name in settings if name != "from_ground"}
+        )
 
     @property
     def design(self) -> DesignConfig:

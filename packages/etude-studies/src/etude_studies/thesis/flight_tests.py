@@ -70,8 +70,10 @@ class FlightSet:
     def flight_mean(self, rows: Array, use: Mask | None = None) -> Array:
         """(J,) mean over flights of the mean of each one's rows (n, J), where `use` is set."""
         group = self.samples.group
-        told = np.ones(len(group), dtype=np.bool_) if use is None else use
-        means = [rows[own].mean(axis=0) for i in np.unique(group) if (own := told & (group == i)).any()]
+        selected = np.ones(len(group), dtype=np.bool_) if use is None else use
+        means = [
+            rows[flight].mean(axis=0) for i in np.unique(group) if (flight := selected & (group == i)).any()
+        ]
         return np.asarray(np.mean(means, axis=0)) if means else np.full(rows.shape[1], np.nan)
 
 
@@ -90,7 +92,9 @@ class FlightTests:
     @cached_property
     def deviation(self) -> Array:
         """(4,) of the commands over all sets."""
-        return np.asarray(np.concatenate([own.command for own in self.sets.values()]).std(axis=0))
+        return np.asarray(
+            np.concatenate([flight_set.command for flight_set in self.sets.values()]).std(axis=0)
+        )
 
 
 def flown_tests(settings: FlightSettings, seed: int) -> FlightTests:
@@ -110,14 +114,14 @@ def _flown_tests(place: Place, counts: tuple[int, int, int], fresh: int, seed: i
         elif count:
             chosen[name] = flights.drawn(rng, count, name)
     sets = {
-        name: FlightSet(_flown(place, own, [seed, TEST, SETS.index(name), NOISE]), JUDGED_S)
-        for name, own in chosen.items()
+        name: FlightSet(_flown(place, parameters, [seed, TEST, SETS.index(name), NOISE]), JUDGED_S)
+        for name, parameters in chosen.items()
     }
     alone = sets["uniform"].samples
     sets["single"] = FlightSet(alone.take(alone.group == 0), ALONE_S)
     others = flights.drawn(np.random.default_rng([seed, FRESH]), fresh)
-    logs = (_flown(place, [own], [seed, FRESH, NOISE, i]) for i, own in enumerate(others))
-    return FlightTests(sets, tuple(FlightSet(own, ALONE_S) for own in logs))
+    logs = (_flown(place, [parameters], [seed, FRESH, NOISE, i]) for i, parameters in enumerate(others))
+    return FlightTests(sets, tuple(FlightSet(flight_logs, ALONE_S) for flight_logs in logs))
 
 
 def _flown(place: Place, flights: Sequence[Trajectory], stream: list[int]) -> Samples:
@@ -130,11 +134,11 @@ def extreme_flights(place: Place) -> dict[str, list[Array]]:
     settings = FlightSettings(
         place.vehicle, place.preset, "designed", speed=place.speed, harmonics=place.harmonics
     )
-    found: dict[str, list[Array]] = {criterion: [] for criterion in EXTREME_CRITERIA}
+    designs: dict[str, list[Array]] = {criterion: [] for criterion in EXTREME_CRITERIA}
     for seed in EXTREME_SEEDS:
         for number, criterion in enumerate(EXTREME_CRITERIA):
-            found[criterion] += _designed(settings, seed, criterion, number)
-    return found
+            designs[criterion] += _designed(settings, seed, criterion, number)
+    return designs
 
 
 def _designed(settings: FlightSettings, seed: int, criterion: str, number: int) -> list[Array]:

@@ -21,14 +21,14 @@ def run(_: Mapping[str, Any], seed: int, __: Mapping[str, pl.DataFrame]) -> list
     """k counts instants; test "after 2" has the path, "desired" and "flown" of parts x, y and z, m; test
     "after 5" the thrust command on a flight not learned, "actual", "mean" and "deviation"; both have "t", s.
     """
-    found = flight_traces(seed=seed, flights=LEARNED, part=PART)
+    recorded = flight_traces(seed=seed, flights=LEARNED, part=PART)
     path, command = f"after {PATH}", f"after {LEARNED}"
-    rows = [*_rows(path, "mean", "t", found["t_path"]), *_rows(command, "mean", "t", found["t"])]
+    rows = [*_rows(path, "mean", "t", recorded["t_path"]), *_rows(command, "mean", "t", recorded["t"])]
     for name in ("desired", "flown"):
-        for axis, values in zip(AXES, found[name].T, strict=True):
+        for axis, values in zip(AXES, recorded[name].T, strict=True):
             rows += _rows(path, axis, name, values)
     for name in ("actual", "mean", "deviation"):
-        rows += _rows(command, PART, name, found[name])
+        rows += _rows(command, PART, name, recorded[name])
     return rows
 
 

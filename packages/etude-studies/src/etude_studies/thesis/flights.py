@@ -97,20 +97,20 @@ def run_flights(
         settings: of the arm, or the same as JSON gives it back. seed: names all streams of random numbers.
         needs: nothing; every arm flies its seed's tests, or takes them from an arm of this process.
     """
-    own = settings if isinstance(settings, FlightSettings) else FlightSettings(**settings)
+    flight_settings = settings if isinstance(settings, FlightSettings) else FlightSettings(**settings)
     with threads_for(0):
-        tests, found = flown_tests(own, seed), list[Measured]()
-        unit = tests.deviation if own.vehicle == "pelican" else np.ones(4)
+        tests, rows = flown_tests(flight_settings, seed), list[Measured]()
+        unit = tests.deviation if flight_settings.vehicle == "pelican" else np.ones(4)
         last: Round | None = None
-        for now in rounds(own, seed):
+        for now in rounds(flight_settings, seed):
             if last is None:
-                found += _learned(own.vehicle, now)
+                rows += _learned(flight_settings.vehicle, now)
             else:
-                found += _ahead(own.vehicle, unit, last, now)
-            found += _of_flights(own, seed, now)
-            found += _tested(own, unit, tests, now)
+                rows += _ahead(flight_settings.vehicle, unit, last, now)
+            rows += _of_flights(flight_settings, seed, now)
+            rows += _tested(flight_settings, unit, tests, now)
             last = now
-    return found
+    return rows
 
 
 def _learned(vehicle: str, first: Round) -> Iterator[Measured]:
@@ -123,9 +123,11 @@ def _ahead(vehicle: str, unit: Array, last: Round, now: Round) -> Iterator[Measu
     """Of a flight before it is learned."""
     new = FlightSet(now.samples.take(now.samples.group == last.number), AHEAD_S)
     yield from by_command(vehicle, unit, now.number, "", "", ahead_figures(last.model, new))
-    X, known = (last.model.inputs.of_log(own.log) for own in (new.samples, last.samples))
-    scale = half_range(known[last.samples.group == 0])
-    yield Measured(now.number, "", "", "mean", "nearest", float(np.median(nearest(X, known, scale))))
+    X, training = (
+        last.model.inputs.of_log(round_samples.log) for round_samples in (new.samples, last.samples)
+    )
+    scale = half_range(training[last.samples.group == 0])
+    yield Measured(now.number, "", "", "mean", "nearest", float(np.median(nearest(X, training, scale))))
 
 
 def _of_flights(settings: FlightSettings, seed: int, now: Round) -> Iterator[Measured]:
@@ -176,13 +178,13 @@ def flight_traces(
         sample. t (n,) s, actual, mean, deviation, deviation_noisy (n,): the command on the single
         test flight.
     """
-    own = replace(settings or FLIGHT_RUNS["P2"][1], flights=flights)
+    flight_settings = replace(settings or FLIGHT_RUNS["P2"][1], flights=flights)
     with threads_for(0):
-        *_, last = rounds(own, seed)
+        *_, last = rounds(flight_settings, seed)
         path = last.logs[1].take(np.arange(len(last.logs[1])) % 2 == 0)
         test, place = (
             flown_tests(settings or FLIGHT_RUNS["P2"][1], seed).sets["single"],
-            PARTS[own.vehicle].index(part),
+            PARTS[flight_settings.vehicle].index(part),
         )
         X = last.model.inputs.of_log(test.samples.log)
         latent, noisy = variances_at(last.model, X)

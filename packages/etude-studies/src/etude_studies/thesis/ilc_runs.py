@@ -52,19 +52,19 @@ def repeated(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
     Args:
         settings: `robot`, `rounds` of `ArmSettings`. seed: of the study.
     """
-    own, found = ArmSettings(**settings), list[Measured]()
-    world = own.world
-    motions = tests_of(own.robot, seed)
+    arm_settings, rows = ArmSettings(**settings), list[Measured]()
+    world = arm_settings.world
+    motions = tests_of(arm_settings.robot, seed)
     signal: Array | None = None
-    for k in range(own.rounds + 1):
+    for k in range(arm_settings.rounds + 1):
         for name, motion in motions.items():
-            given = None if signal is None else given_on(world, motion, signal)
-            log = tested(own, motion, given, seed, name)
-            found += joint_rows(k, name, "", world, tracking(log, world.spec.rate))
+            applied = None if signal is None else given_on(world, motion, signal)
+            log = tested(arm_settings, motion, applied, seed, name)
+            rows += joint_rows(k, name, "", world, tracking(log, world.spec.rate))
         rng = np.random.default_rng([seed, RUN, k])
-        given = None if signal is None else given_on(world, motions[PRIMARY], signal)
-        signal = learned_command(world.robot.run(motions[PRIMARY], given, rng)).values
-    return found
+        applied = None if signal is None else given_on(world, motions[PRIMARY], signal)
+        signal = learned_command(world.robot.run(motions[PRIMARY], applied, rng)).values
+    return rows
 
 
 def given_on(world: World, motion: Trajectory, signal: Array) -> Given:
@@ -86,29 +86,29 @@ def adaptive(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.Data
         settings: `robot`, `rounds` of `ArmSettings`. seed: of the study.
         needs: the table of `arm_motions.draws`.
     """
-    own, found = ArmSettings(**settings), list[Measured]()
-    drawn = training_motions(next(iter(needs.values())))[: own.rounds]
-    physics: Any = own.world.kind.physics(own.world.spec, own.config)["identified"]
+    arm_settings, rows = ArmSettings(**settings), list[Measured]()
+    drawn = training_motions(next(iter(needs.values())))[: arm_settings.rounds]
+    physics: Any = arm_settings.world.kind.physics(arm_settings.world.spec, arm_settings.config)["identified"]
     with threads_for(0):
         for name, law in LAWS.items():
-            found += _adapted(own, seed, drawn, name, law(physics))
-    return found
+            rows += _adapted(arm_settings, seed, drawn, name, law(physics))
+    return rows
 
 
 def _adapted(
-    own: ArmSettings, seed: int, drawn: Sequence[Trajectory], name: str, controller: AdaptiveController
+    settings: ArmSettings, seed: int, drawn: Sequence[Trajectory], name: str, controller: AdaptiveController
 ) -> Iterator[Measured]:
     """The test before the first motion and after each."""
     for k in range(len(drawn) + 1):
         if k:
-            own.world.robot.run(drawn[k - 1], controller, np.random.default_rng([seed, RUN, k]))
+            settings.world.robot.run(drawn[k - 1], controller, np.random.default_rng([seed, RUN, k]))
         beside: dict[str, Controller] = {name: copy(controller)}
         if k == len(drawn):
             beside[f"{name} frozen".strip()] = Frozen.of(controller)
         for line, tested_one in beside.items():
-            motion = tests_of(own.robot, seed)[PRIMARY]
-            log = tested(own, motion, tested_one, seed, PRIMARY)
-            yield from joint_rows(k, PRIMARY, line, own.world, tracking(log, own.world.spec.rate))
+            motion = tests_of(settings.robot, seed)[PRIMARY]
+            log = tested(settings, motion, tested_one, seed, PRIMARY)
+            yield from joint_rows(k, PRIMARY, line, settings.world, tracking(log, settings.world.spec.rate))
 
 
 @dataclass(eq=False)

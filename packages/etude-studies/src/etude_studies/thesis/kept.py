@@ -39,18 +39,18 @@ def verdicts_of(results: Results) -> dict[str, Verdict]:
     """Verdicts on every claim from as many seeds as there are, up to those that were planned or asked for."""
     from etude_studies.thesis.readings import EQUAL, READINGS, depending, readings
 
-    planned, asked = planned_seeds(results), blocks()
-    found = judge(ledger(), results, planned=planned, blocks=asked)
-    equal = [own for own in READINGS if own.ambiguity == EQUAL]
-    return depending(found, readings(ledger(), results, planned=planned, blocks=asked, among=equal))
+    planned, requested = planned_seeds(results), blocks()
+    verdicts = judge(ledger(), results, planned=planned, blocks=requested)
+    equal = [reading for reading in READINGS if reading.ambiguity == EQUAL]
+    return depending(verdicts, readings(ledger(), results, planned=planned, blocks=requested, among=equal))
 
 
 def planned_seeds(results: Results) -> dict[str, int]:
     """Seeds by run: as many as are there, and not beyond the catalogue's number."""
     counts = {run: len(results.seeds(run)) for run in results.runs}
-    known = catalogue()
+    runs_by_name = catalogue()
     return {
-        run: min(count, known[run].seeds) if run in known else count
+        run: min(count, runs_by_name[run].seeds) if run in runs_by_name else count
         for run, count in counts.items()
         if count > 1
     }
@@ -58,17 +58,17 @@ def planned_seeds(results: Results) -> dict[str, int]:
 
 def blocks() -> dict[str, int]:
     """Seeds by claim: of its block, or those that its committed verdict asks for."""
-    asked = {claim: verdict.block or verdict.asks or 0 for claim, verdict in kept_verdicts().items()}
-    return {claim: seeds for claim, seeds in asked.items() if seeds}
+    requested = {claim: verdict.block or verdict.asks or 0 for claim, verdict in kept_verdicts().items()}
+    return {claim: seeds for claim, seeds in requested.items() if seeds}
 
 
 def asked_seeds() -> dict[str, int]:
     """The most seeds by run that any claim asks for."""
-    found: dict[str, int] = {}
+    most: dict[str, int] = {}
     for claim, seeds in blocks().items():
         for run in runs_of(claim):
-            found[run] = max(found.get(run, 0), seeds)
-    return found
+            most[run] = max(most.get(run, 0), seeds)
+    return most
 
 
 def price_s(runs: Iterable[str], seeds: int, results: Results, *, more: bool = False) -> float:
@@ -77,8 +77,8 @@ def price_s(runs: Iterable[str], seeds: int, results: Results, *, more: bool = F
     Args:
         more: of those that are not there yet.
     """
-    own = [(run, len(results.seeds(run))) for run in runs]
-    return float(sum(max(0, seeds - more * n) * results.made(run)["cpu_s"] / n for run, n in own if n))
+    counts = [(run, len(results.seeds(run))) for run in runs]
+    return float(sum(max(0, seeds - more * n) * results.made(run)["cpu_s"] / n for run, n in counts if n))
 
 
 def unpack(runs: Iterable[Run], store: Path, results: Results) -> int:
@@ -92,8 +92,8 @@ def unpack(runs: Iterable[Run], store: Path, results: Results) -> int:
             spec = run.spec(seed)
             path = result_path(store, spec)
             if hashes[str(seed)] == spec.hash and not path.exists():
-                own = results.tables[run.name].filter(pl.col("seed") == seed).drop("seed")
-                write_result(path, own, spec, _made(results, run.name, seed))
+                rows = results.tables[run.name].filter(pl.col("seed") == seed).drop("seed")
+                write_result(path, rows, spec, _made(results, run.name, seed))
                 done += 1
     return done
 
@@ -110,8 +110,8 @@ def renew(runs: Sequence[Run], store: Path, folder: Path = FOLDER) -> dict[str, 
     present = {name: specs for name, specs in present.items() if specs}
     folder.mkdir(exist_ok=True)
     collect(store, present, folder)
-    found = Results.load(folder)
-    (folder / VERDICTS).write_text(to_json(verdicts_of(found)), encoding="utf-8")
+    results = Results.load(folder)
+    (folder / VERDICTS).write_text(to_json(verdicts_of(results)), encoding="utf-8")
     return {name: len(specs) for name, specs in present.items()}
 
 
@@ -121,13 +121,13 @@ def so_far(runs: Sequence[Run], store: Path, *, more: bool = False) -> Results:
     Args:
         more: only where the store has more seeds of a run than are committed.
     """
-    kept = kept_results()
-    least = {run.name: len(kept.seeds(run.name)) if more else 0 for run in runs}
+    committed = kept_results()
+    least = {run.name: len(committed.seeds(run.name)) if more else 0 for run in runs}
     present = {run.name: _there(run, store) for run in runs}
     with TemporaryDirectory() as folder:
         taken = {name: specs for name, specs in present.items() if len(specs) > least[name]}
         collect(store, taken, Path(folder))
-        return kept.replaced_by(Results.load(Path(folder)))
+        return committed.replaced_by(Results.load(Path(folder)))
 
 
 def _there(run: Run, store: Path) -> list[Spec]:
@@ -138,12 +138,12 @@ def _there(run: Run, store: Path) -> list[Spec]:
 
 def _made(results: Results, run: str, seed: int) -> Made:
     whole = results.made(run)
-    own = next(batch for batch in whole["batches"] if seed in batch["seeds"])
+    record = next(batch for batch in whole["batches"] if seed in batch["seeds"])
     count = len(results.seeds(run))
     return Made(
-        commit=own["commit"],
-        versions=own["versions"],
-        machine=own["machine"],
+        commit=record["commit"],
+        versions=record["versions"],
+        machine=record["machine"],
         cpu_s=round(whole["cpu_s"] / count, 1),
         wall_s=round(whole["wall_s"] / count, 1),
         date=whole["date"],

@@ -33,15 +33,15 @@ def run(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFrame]) -
         settings: `points`, other numbers of spectral points than `POINTS`.
         seed: of the draw.
     """
-    found = list[Measured]()
+    rows = list[Measured]()
     for part, inputs in INPUTS.items():
         lags = lags_within(inputs, np.random.default_rng([seed, inputs]))
         for count in settings.get("points", POINTS):
             features = drawn(count, inputs, np.random.default_rng([seed, inputs, count]))
             error = covariances(features, lags) - exact(lags)
             rms = float(np.sqrt((error**2).mean()))
-            found.append(Measured(count, "", "", part, "kernel_rms", rms))
-    return [*found, *_curves(seed)]
+            rows.append(Measured(count, "", "", part, "kernel_rms", rms))
+    return [*rows, *_curves(seed)]
 
 
 def _curves(seed: int) -> Iterator[Measured]:

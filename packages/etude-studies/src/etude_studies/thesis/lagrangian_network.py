@@ -109,8 +109,8 @@ def loss_gradient(
     in every W, b, one after the other, and in the friction.
     """
     J = motion.q.shape[1]
-    kept = _layers(weights, motion.q)
-    L, dL, H, dV = _energies(kept, J)
+    activations = _layers(weights, motion.q)
+    L, dL, H, dV = _energies(activations, J)
     predicted = _lagrange(motion, L, dL, H, dV) + np.einsum("njf,jf->nj", motion.friction, friction)
     wrong = (predicted - target) / spread
     loss = 0.5 * float(np.mean(wrong**2)) + 0.5 * decay * sum(float(np.sum(W**2)) for W, _ in weights)
@@ -119,8 +119,8 @@ def loss_gradient(
     rows, columns = np.tril_indices(J)
     slope = np.concatenate([in_L[:, rows, columns], np.zeros((len(e), 1))], axis=1)
     slopes = np.concatenate([in_dL[:, :, rows, columns], e.T[:, :, None]], axis=2)
-    found = [part for layer in _back(weights, kept, slope, slopes, decay) for part in layer]
-    return loss, [*found, np.einsum("nj,njf->jf", e, motion.friction)]
+    gradients = [part for layer in _back(weights, activations, slope, slopes, decay) for part in layer]
+    return loss, [*gradients, np.einsum("nj,njf->jf", e, motion.friction)]
 
 
 def _layers(weights: Weights, q: Array) -> list[tuple[Array, Array, Array]]:
@@ -129,20 +129,20 @@ def _layers(weights: Weights, q: Array) -> list[tuple[Array, Array, Array]]:
     """
     J = q.shape[1]
     seed = np.broadcast_to(np.eye(J)[:, None, :], (J, len(q), J))
-    found = [(q, seed, seed)]
+    activations = [(q, seed, seed)]
     for place, (W, b) in enumerate(weights, start=1):
-        value, slope = found[-1][0] @ W + b, found[-1][1] @ W
+        value, slope = activations[-1][0] @ W + b, activations[-1][1] @ W
         if place == len(weights):
-            found.append((value, slope, slope))
+            activations.append((value, slope, slope))
         else:
             value = np.tanh(value)
-            found.append((value, slope * (1.0 - value**2), slope))
-    return found
+            activations.append((value, slope * (1.0 - value**2), slope))
+    return activations
 
 
-def _energies(kept: list[tuple[Array, Array, Array]], J: int) -> tuple[Array, Array, Array, Array]:
+def _energies(activations: list[tuple[Array, Array, Array]], J: int) -> tuple[Array, Array, Array, Array]:
     """L (n, J, J), dL (J, n, J, J), H (n, J, J) and dV (J, n)."""
-    value, slope, _ = kept[-1]
+    value, slope, _ = activations[-1]
     rows, columns = np.tril_indices(J)
     L, dL = np.zeros((len(value), J, J)), np.zeros((J, len(value), J, J))
     L[:, rows, columns], dL[:, :, rows, columns] = value[:, :-1], slope[:, :, :-1]
@@ -183,17 +183,17 @@ def _symmetric(a: Array, b: Array) -> Array:
 
 
 def _back(
-    weights: Weights, kept: list[tuple[Array, Array, Array]], slope: Array, slopes: Array, decay: float
+    weights: Weights, activations: list[tuple[Array, Array, Array]], slope: Array, slopes: Array, decay: float
 ) -> list[tuple[Array, Array]]:
     """Gradients in each W and b from those in the outputs (n, w) and in their derivatives (J, n, w)."""
-    found = []
+    gradients = []
     for place in range(len(weights) - 1, -1, -1):
-        W, (below, tangents, before) = weights[place][0], kept[place]
+        W, (below, tangents, before) = weights[place][0], activations[place]
         in_W = below.T @ slope + np.einsum("kni,kno->io", tangents, slopes, optimize=True) + decay * W
-        found.append((in_W, slope.sum(axis=0)))
+        gradients.append((in_W, slope.sum(axis=0)))
         if place:
             bend = 1.0 - below**2
             onto, ahead = slope @ W.T, slopes @ W.T
             slope = bend * (onto - 2.0 * below * (ahead * before).sum(axis=0))
             slopes = bend * ahead
-    return found[::-1]
+    return gradients[::-1]

@@ -49,15 +49,15 @@ def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     import tomllib
 
     try:
-        found = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         step = "Restore it from a copy of the package."
         raise UsageError(f"cannot be read: {problem}", where=path.name, next_step=step) from None
-    for key in (*found, *keys):
-        if key not in keys or not isinstance(found.get(key), list):
+    for key in (*tables, *keys):
+        if key not in keys or not isinstance(tables.get(key), list):
             step = f"Write {' and '.join(f'[[{key}]]' for key in keys)} only."
             raise UsageError(f"{key!r} is missing, or not expected here", where=path.name, next_step=step)
-    return found
+    return tables
 
 
 def _made(kind: type[Item], tables: dict[str, Any], key: str, file: str) -> tuple[Item, ...]:

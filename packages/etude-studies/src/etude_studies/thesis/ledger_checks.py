@@ -55,26 +55,26 @@ def check(ledger: Ledger) -> None:
     _complete([entry.id for entry in ledger.entries if not entry.id.startswith(OWN)])
     _unique([entry.id for entry in ledger.entries], BEYOND)
     kinds = {claim.id: claim.kind for claim in ledger.claims}
-    known = [one.id for one in ledger.ambiguities]
+    ambiguities = [one.id for one in ledger.ambiguities]
     for claim in ledger.claims:
         _check_claim(claim, kinds)
     for entry in ledger.entries:
-        _check_entry(entry, known)
+        _check_entry(entry, ambiguities)
     for why in ledger.whys:
         where = f"{BEYOND}, why {', '.join(why.claims)}"
-        _known(why.claims, kinds, "claim", where)
+        _require_known(why.claims, kinds, "claim", where)
         for part in why.parts:
             _check_part(part, where)
 
 
 def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:
     where = f"{CLAIMS}, {claim.id}"
-    _known(claim.rests_on, ENTRIES, "figure or table", where)
+    _require_known(claim.rests_on, ENTRIES, "figure or table", where)
     if not claim.quote or not all(piece.strip() for piece in claim.quote):
         _refuse("has no quotation", where, "Quote the sentence of the thesis.")
     if (claim.kind == "alias") != bool(claim.alias_of):
         _refuse("is an alias of nothing, or names others and is none", where, "Give both kind and alias_of.")
-    _known(claim.alias_of, kinds, "claim", where)
+    _require_known(claim.alias_of, kinds, "claim", where)
     for other in claim.alias_of:
         if kinds[other] == "alias":
             _refuse(f"is an alias of {other}, itself an alias", where, "Name the claim that is tested.")
@@ -100,9 +100,9 @@ def _check_part(part: Part, where: str) -> None:
     _measure(part.measure, where)
 
 
-def _check_entry(entry: Entry, known: Sequence[str]) -> None:
+def _check_entry(entry: Entry, ambiguities: Sequence[str]) -> None:
     where = f"{BEYOND if entry.id.startswith(OWN) else TABLES}, {entry.id}"
-    _known(entry.ambiguous, known, "ambiguity", where)
+    _require_known(entry.ambiguous, ambiguities, "ambiguity", where)
     _sources(entry.sources, where)
     _measure(entry.measure, where)
     if not entry.rows or not entry.columns:
@@ -117,7 +117,7 @@ def _check_entry(entry: Entry, known: Sequence[str]) -> None:
 
 
 def _complete(ids: Sequence[str]) -> None:
-    _known(ids, ENTRIES, "figure or table", TABLES)
+    _require_known(ids, ENTRIES, "figure or table", TABLES)
     _unique(ids, TABLES)
     missing = [id for id in ENTRIES if id not in ids]
     if missing:
@@ -132,7 +132,7 @@ def _unique(ids: Iterable[str], where: str) -> None:
             raise UsageError(f"{id} stands there {count} times", where=where, next_step="Keep one.")
 
 
-def _known(ids: Iterable[str], valid: Iterable[str], what: str, where: str) -> None:
+def _require_known(ids: Iterable[str], valid: Iterable[str], what: str, where: str) -> None:
     names = list(valid)
     for id in ids:
         if id not in names:

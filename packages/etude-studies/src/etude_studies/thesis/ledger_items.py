@@ -235,7 +235,7 @@ class Ledger(msgspec.Struct, frozen=True, dict=True):
     def sources(self) -> tuple[str, ...]:
         """Every source that a claim or an entry names, "RUN" or "RUN:model", sorted."""
         parts = (part.sources for claim in self.claims for part in claim.parts)
-        return tuple(sorted({one for own in (*parts, *(e.sources for e in self.entries)) for one in own}))
+        return tuple(sorted({one for named in (*parts, *(e.sources for e in self.entries)) for one in named}))
 
     def runs(self) -> tuple[str, ...]:
         """The runs of `sources`, sorted."""

@@ -35,11 +35,11 @@ def part_of(method: str) -> Part:
             where="--method",
             next_step="Name the function that makes your kernel or model, such as my_kernels:posture.",
         )
-    found = plugins.named_in_full(method)
-    if hasattr(found, "restore"):
+    attribute = plugins.named_in_full(method)
+    if hasattr(attribute, "restore"):
         return "model"
-    takes = len(_arguments(found))
-    if takes == 3 or hasattr(found, "needs"):
+    takes = len(_arguments(attribute))
+    if takes == 3 or hasattr(attribute, "needs"):
         return "criterion"
     if takes == 2:
         return "kernel"
@@ -53,10 +53,10 @@ def part_of(method: str) -> Part:
 
 def with_method(run: Run, method: str) -> Run | None:
     """The run with that method in the place of its own; None where it has no such place."""
-    known = {**ARM_RUNS, **MINIATURE}
-    if run.name not in known:
+    runs = {**ARM_RUNS, **MINIATURE}
+    if run.name not in runs:
         return None
-    settings = _exchanged(known[run.name][1], method, part_of(method))
+    settings = _exchanged(runs[run.name][1], method, part_of(method))
     if settings is None:
         return None
     settings["source"] = _digest(method)
@@ -89,4 +89,8 @@ def _arguments(function: Any) -> list[inspect.Parameter]:
     except (TypeError, ValueError):
         return []
     plain = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return [own for own in parameters if own.kind in plain and own.default is inspect.Parameter.empty]
+    return [
+        parameter
+        for parameter in parameters
+        if parameter.kind in plain and parameter.default is inspect.Parameter.empty
+    ]

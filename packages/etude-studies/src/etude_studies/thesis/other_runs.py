@@ -23,15 +23,17 @@ def on_line(_: Mapping[str, Any], seed: int, __: Mapping[str, pl.DataFrame]) -> 
     """O1: three passes of a motion; k is the pass, the test what happens to the arm after the first, the
     model the rule by which it goes on learning; tracking error, deg (thesis 6.4, 7.1.4).
     """
-    found = []
+    rows = []
     for change in online.CHANGES:
         cell = online.Cell(ROBOT, change, seed)
-        known = online.PLACES[ROBOT, change]
-        rules = {name: own for name, own in known.items() if name in RULES or name.endswith("forgetting")}
+        configs = online.PLACES[ROBOT, change]
+        rules = {
+            name: config for name, config in configs.items() if name in RULES or name.endswith("forgetting")
+        }
         for rule, outcome in online.outcomes_of(cell, rules).items():
             for k, errors in enumerate(outcome.errors, start=1):
-                found.append(Measured(k, change, rule, "mean", "error", float(np.mean(errors))))
-    return found
+                rows.append(Measured(k, change, rule, "mean", "error", float(np.mean(errors))))
+    return rows
 
 
 def in_the_loop(_: Mapping[str, Any], seed: int, __: Mapping[str, pl.DataFrame]) -> list[Measured]:
@@ -40,10 +42,10 @@ def in_the_loop(_: Mapping[str, Any], seed: int, __: Mapping[str, pl.DataFrame])
     """
     cell = flight_loop.Cell("quadrotor", "moving", 2, seed)
     errors = flight_loop.seed_errors(cell, learned_from=(LEARNED_FROM,))
-    found = []
+    rows = []
     for variant, error in errors.items():
         name, air = variant.split("/")
         name = name.removesuffix(f"_{LEARNED_FROM}")
         if name in VARIANTS:
-            found.append(Measured(LEARNED_FROM, air, name, "mean", "position", error))
-    return found
+            rows.append(Measured(LEARNED_FROM, air, name, "mean", "position", error))
+    return rows

@@ -38,14 +38,14 @@ class JointByJoint:
 
     def motion(self, t: Array, orders: int = 3) -> Motion:
         """Position and derivatives (O, T, k) at times t (T,) s."""
-        own = [series.motion(t, orders).orders[:, :, j] for j, series in enumerate(self.series)]
-        return Motion(t, np.stack(own, axis=2))
+        orders_by_joint = [series.motion(t, orders).orders[:, :, j] for j, series in enumerate(self.series)]
+        return Motion(t, np.stack(orders_by_joint, axis=2))
 
     def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:
         """Of each joint that of its own series: the instants of the proof do not depend on the frequency."""
         values, sizes, kappas = zip(*(series.bound(order, degree) for series in self.series), strict=True)
-        own = [(v[:, j], s[j]) for j, (v, s) in enumerate(zip(values, sizes, strict=True))]
-        return np.stack([v for v, _ in own], axis=1), np.array([s for _, s in own]), min(kappas)
+        bounds = [(v[:, j], s[j]) for j, (v, s) in enumerate(zip(values, sizes, strict=True))]
+        return np.stack([v for v, _ in bounds], axis=1), np.array([s for _, s in bounds]), min(kappas)
 
     def slowed(self, factor: float) -> JointByJoint:
         return JointByJoint(tuple(series.slowed(factor) for series in self.series))
@@ -88,17 +88,19 @@ class JointByJointFamily:
         return sum((self._only(j, f.parameters(s)) for j, (f, s) in pairs), np.zeros(self.size))
 
     def motion(self, p: Array, t: Array, orders: int = 3) -> Motion:
-        own = [family.motion(p, t, orders).orders[:, :, j] for j, family in enumerate(self.families)]
-        return Motion(t, np.stack(own, axis=2))
+        orders_by_joint = [
+            family.motion(p, t, orders).orders[:, :, j] for j, family in enumerate(self.families)
+        ]
+        return Motion(t, np.stack(orders_by_joint, axis=2))
 
     def vjp(self, p: Array, t: Array, gradient: Array) -> Array:
         """(P,) gradient in the parameters of sum(gradient * orders); gradient (O, T, k)."""
-        found = np.zeros(self.size)
+        pulled = np.zeros(self.size)
         for j, family in enumerate(self.families):
-            own = np.zeros_like(gradient)
-            own[:, :, j] = gradient[:, :, j]
-            found += family.vjp(p, t, own)
-        return found
+            joint_gradient = np.zeros_like(gradient)
+            joint_gradient[:, :, j] = gradient[:, :, j]
+            pulled += family.vjp(p, t, joint_gradient)
+        return pulled
 
     def rows(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
         """`bound` of the members, linear in p: rows (k, M, P), offsets (k, M) and kappa."""

@@ -37,32 +37,33 @@ def write_thesis_page(path: Path = PAGE) -> None:
 
 def thesis_page() -> str:
     """The whole page as Markdown."""
-    own, verdicts, results = ledger(), kept_verdicts(), kept_results()
+    claims_ledger, verdicts, results = ledger(), kept_verdicts(), kept_results()
     parts = [
         HEAD,
-        _counts(own.claims, verdicts),
+        _counts(claims_ledger.claims, verdicts),
         "## Claims\n",
-        _claims(own.claims, verdicts),
+        _claims(claims_ledger.claims, verdicts),
         "## Tables and figures\n",
     ]
     parts += [
         "Ours: mean ± half width of the 95 % interval over seeds (lengths: geometric mean and interval); "
         "in brackets what the thesis prints.\n"
     ]
-    parts += [text for entry in own.entries if (text := _entry(entry, results))]
+    parts += [text for entry in claims_ledger.entries if (text := _entry(entry, results))]
     parts += ["## What the thesis leaves open\n"]
-    parts += ["\n".join(f"* **{a.id}** {a.what} *{a.resolution}*" for a in own.ambiguities) + "\n"]
+    parts += ["\n".join(f"* **{a.id}** {a.what} *{a.resolution}*" for a in claims_ledger.ambiguities) + "\n"]
     parts += ["## Where the numbers come from\n", _origins(results)]
     return "\n".join(parts)
 
 
 def _counts(claims: Sequence[Claim], verdicts: dict[str, Verdict]) -> str:
     """Of claims that say something of their own."""
-    own = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
-    counted = Counter(shown(verdicts[id]) for id in own)
+    distinct = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
+    counted = Counter(shown(verdicts[id]) for id in distinct)
     words = [word for word in (*reversed(WORDS), DEPENDS, NOT_RUN) if counted[word]]
-    told = ", ".join(f"**{counted[word]}** {word}" for word in words)
-    return f"Of {len(own)} distinct claims: {told}. {len(claims) - len(own)} more say one of them again.\n"
+    counts = ", ".join(f"**{counted[word]}** {word}" for word in words)
+    repeated = len(claims) - len(distinct)
+    return f"Of {len(distinct)} distinct claims: {counts}. {repeated} more say one of them again.\n"
 
 
 def _claims(claims: Iterable[Claim], verdicts: dict[str, Verdict]) -> str:
@@ -110,11 +111,11 @@ def _table_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[st
     yield "|---" * (len(entry.columns) + 2) + "|"
     for row in rows:
         k = (row.at or entry.at)[-1]
-        found = [cell(results, entry, row.run, column, k) for column in entry.columns]
-        if any(own.asked for own in found):
-            printed = [f" [{value:g}]" for value in row.printed] + [""] * len(found)
-            texts = [own.text + text for own, text in zip(found, printed, strict=False)]
-            yield f"| {row.label} | {' | '.join(texts)} | {max(own.asked for own in found)} |"
+        cells = [cell(results, entry, row.run, column, k) for column in entry.columns]
+        if any(item.asked for item in cells):
+            printed = [f" [{value:g}]" for value in row.printed] + [""] * len(cells)
+            texts = [item.text + text for item, text in zip(cells, printed, strict=False)]
+            yield f"| {row.label} | {' | '.join(texts)} | {max(item.asked for item in cells)} |"
 
 
 def _curve_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[str]:
@@ -122,9 +123,10 @@ def _curve_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[st
     yield f"| {entry.columns[-1]} after | {' | '.join(map(str, entry.at))} | seeds |"
     yield "|---" * (len(entry.at) + 2) + "|"
     for row in rows:
-        found = [cell(results, entry, row.run, entry.columns[-1], k) for k in entry.at]
-        if any(own.asked for own in found):
-            yield f"| {row.label} | {' | '.join(own.text for own in found)} | {max(o.asked for o in found)} |"
+        cells = [cell(results, entry, row.run, entry.columns[-1], k) for k in entry.at]
+        if any(item.asked for item in cells):
+            most = max(item.asked for item in cells)
+            yield f"| {row.label} | {' | '.join(item.text for item in cells)} | {most} |"
 
 
 def _line(source: str) -> str:
@@ -134,22 +136,26 @@ def _line(source: str) -> str:
 
 
 def _origins(results: Results) -> str:
-    known = catalogue()
+    runs_by_name = catalogue()
     missing = [name for name in runs_of("all") if name not in results.runs]
     lines = ["| run | what | seeds | planned | commit | CPU s a seed |", "|---|---|---|---|---|---|"]
     for run in results.runs:
-        made, seeds, own = results.made(run), len(results.seeds(run)), known[run]
+        made, seeds, listed = results.made(run), len(results.seeds(run)), runs_by_name[run]
         cost = f"{made['cpu_s'] / seeds:.3g}"
-        lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {results.commits(run)} | {cost} |")
-    told = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
-    return "\n".join(lines) + "\n" + told + _price(results)
+        lines.append(
+            f"| {run} | {listed.what} | {seeds} | {listed.seeds} | {results.commits(run)} | {cost} |"
+        )
+    missing_line = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
+    return "\n".join(lines) + "\n" + missing_line + _price(results)
 
 
 def _price(results: Results) -> str:
     """What the thesis's own runs cost with as many seeds as planned."""
-    own = [known for name in runs_of("thesis") if name in results.runs for known in [catalogue()[name]]]
-    spent = sum(price_s([run.name], run.seeds, results) for run in own)
-    lack = sum(price_s([run.name], run.seeds, results, more=True) for run in own)
+    thesis_runs = [
+        listed for name in runs_of("thesis") if name in results.runs for listed in [catalogue()[name]]
+    ]
+    spent = sum(price_s([run.name], run.seeds, results) for run in thesis_runs)
+    lack = sum(price_s([run.name], run.seeds, results, more=True) for run in thesis_runs)
     return (
         f"\nAll runs of `thesis` with their planned seeds take {spent / 3600.0:.1f} h of CPU time; "
         f"{lack / 3600.0:.1f} h of them are not run yet.\n"

@@ -151,18 +151,18 @@ class Weighed:
 
 def weigh(index: int, part: Part, contrast: Contrast, printed: float | None, looks: int = 1) -> Weighed:
     """The p values of one part, or the reason why there are none."""
-    own = Weighed(index, part, contrast, printed, untested(contrast), looks)
-    if own.reason:
-        return own
-    x, margin = own.x, margin_of(part)
-    if own.directed:
+    weighed = Weighed(index, part, contrast, printed, untested(contrast), looks)
+    if weighed.reason:
+        return weighed
+    x, margin = weighed.x, margin_of(part)
+    if weighed.directed:
         p, flips = statistics.paired_t(x), statistics.sign_flip(x)
     else:
         p, flips = statistics.equivalence(x, margin), statistics.equivalence_flip(x, margin)
-    p, flips = min(1.0, own.times * p), min(1.0, own.times * flips)
-    if own.directed:
-        return replace(own, p=p, p_permutation=flips)
-    return replace(own, p=p, p_permutation=flips, p_adjusted=p, p_permutation_adjusted=flips)
+    p, flips = min(1.0, weighed.times * p), min(1.0, weighed.times * flips)
+    if weighed.directed:
+        return replace(weighed, p=p, p_permutation=flips)
+    return replace(weighed, p=p, p_permutation=flips, p_adjusted=p, p_permutation_adjusted=flips)
 
 
 def untested(contrast: Contrast) -> str:
@@ -170,8 +170,8 @@ def untested(contrast: Contrast) -> str:
     fewest = (1.0 - FAILED) * contrast.planned
     short = {name: n for name, n in contrast.stored.items() if n == 0 or n < fewest - 1e-9}
     if short:
-        words = (f"{name} ({n} of {contrast.planned} seeds)" if n else name for name, n in short.items())
-        return f"{NOT_RUN}: runs {', '.join(words)}"
+        lacking = (f"{name} ({n} of {contrast.planned} seeds)" if n else name for name, n in short.items())
+        return f"{NOT_RUN}: runs {', '.join(lacking)}"
     if len(contrast.x) < fewest - 1e-9:
         return f"{contrast.failed} of {contrast.planned} seeds have no number"
     if len(contrast.x) < 2:
@@ -179,107 +179,107 @@ def untested(contrast: Contrast) -> str:
     return ""
 
 
-def part_verdict(own: Weighed) -> PartVerdict:
+def part_verdict(weighed: Weighed) -> PartVerdict:
     """Word and numbers of a part whose p values have been adjusted."""
     base = PartVerdict(
-        part=own.index,
+        part=weighed.index,
         word=UNTESTED,
-        k=own.contrast.k,
-        reason=own.reason,
-        log=in_logs(own.part),
-        seeds=len(own.contrast.x),
-        failed=own.contrast.failed,
-        planned=own.contrast.planned,
-        printed=own.printed,
+        k=weighed.contrast.k,
+        reason=weighed.reason,
+        log=in_logs(weighed.part),
+        seeds=len(weighed.contrast.x),
+        failed=weighed.contrast.failed,
+        planned=weighed.contrast.planned,
+        printed=weighed.printed,
     )
-    if own.reason:
+    if weighed.reason:
         return base
-    word, agree = _directed(own) if own.directed else _equal(own)
+    word, agree = _directed(weighed) if weighed.directed else _equal(weighed)
     return msgspec.structs.replace(
         base,
         word=word,
         agree=agree,
-        needed=_needed(own) if word == UNDECIDED and own.looks == 1 else None,
-        **_numbers(own),
-        **_wins(own),
-        **_single(own),
+        needed=_needed(weighed) if word == UNDECIDED and weighed.looks == 1 else None,
+        **_numbers(weighed),
+        **_wins(weighed),
+        **_single(weighed),
     )
 
 
-def _directed(own: Weighed) -> tuple[str, bool]:
-    found = own.p_adjusted < own.level, own.p_permutation_adjusted < own.level
-    if all(found):
-        claimed = (own.x.mean() < 0.0) == (own.part.claim == "less")
+def _directed(weighed: Weighed) -> tuple[str, bool]:
+    significant = weighed.p_adjusted < weighed.level, weighed.p_permutation_adjusted < weighed.level
+    if all(significant):
+        claimed = (weighed.x.mean() < 0.0) == (weighed.part.claim == "less")
         return HOLDS if claimed else REVERSED, True
-    alike, agree = _alike(own)
+    alike, agree = _alike(weighed)
     # a tie by a test that could hardly find a difference is none
-    return (TIE if alike and own.power >= HALF else UNDECIDED), not any(found) and agree
+    return (TIE if alike and weighed.power >= HALF else UNDECIDED), not any(significant) and agree
 
 
-def _equal(own: Weighed) -> tuple[str, bool]:
-    alike, agree = _alike(own)
+def _equal(weighed: Weighed) -> tuple[str, bool]:
+    alike, agree = _alike(weighed)
     if alike:
         return HOLDS, True
-    x, margin = own.x, margin_of(own.part)
-    level = EQUALLY / own.times
+    x, margin = weighed.x, margin_of(weighed.part)
+    level = EQUALLY / weighed.times
     beyond = statistics.outside(x, margin) < level, statistics.outside_flip(x, margin) < level
     return (REVERSED if all(beyond) else UNDECIDED), agree and beyond[0] == beyond[1]
 
 
-def _alike(own: Weighed) -> tuple[bool, bool]:
+def _alike(weighed: Weighed) -> tuple[bool, bool]:
     """Whether the mean is within the margin by both tests; whether both say the same."""
-    x, margin = own.x, margin_of(own.part)
-    level = EQUALLY / own.looks
+    x, margin = weighed.x, margin_of(weighed.part)
+    level = EQUALLY / weighed.looks
     within = statistics.equivalence(x, margin) < level, statistics.equivalence_flip(x, margin) < level
     return all(within), within[0] == within[1]
 
 
-def _needed(own: Weighed) -> int | None:
-    n, mean, sd = statistics.moments(own.x)
-    margin, pairs = margin_of(own.part), comparisons(own.part)
-    level = (own.to_meet if own.directed else EQUALLY) / (SECOND * pairs)
+def _needed(weighed: Weighed) -> int | None:
+    n, mean, sd = statistics.moments(weighed.x)
+    margin, pairs = margin_of(weighed.part), comparisons(weighed.part)
+    level = (weighed.to_meet if weighed.directed else EQUALLY) / (SECOND * pairs)
     alike = seeds_for_equivalence(mean, sd, margin, EQUALLY / SECOND)
-    if own.directed:
+    if weighed.directed:
         least = seeds_for_difference(margin, sd, level, HALF)
         alike = None if alike is None or least is None else max(alike, least)
         other = seeds_for_difference(mean, sd, level)
     else:
         other = seeds_for_difference(abs(mean) - margin, sd, level) if abs(mean) > margin else None
-    found = [seeds for seeds in (alike, other) if seeds is not None]
-    return max(min(found), n + 1) if found else None
+    counts = [seeds for seeds in (alike, other) if seeds is not None]
+    return max(min(counts), n + 1) if counts else None
 
 
-def _numbers(own: Weighed) -> dict[str, float]:
-    x, unit = own.x, _unit(own.part)
+def _numbers(weighed: Weighed) -> dict[str, float]:
+    x, unit = weighed.x, _unit(weighed.part)
     low, high = statistics.interval(x)
     narrow_low, narrow_high = statistics.interval(x, 0.9)
     bca_low, bca_high = statistics.bca(x)
     single_low, single_high = statistics.prediction_interval(x)
-    found = {
+    numbers = {
         "estimate": unit(float(x.mean())), "low": unit(low), "high": unit(high),
         "narrow_low": unit(narrow_low), "narrow_high": unit(narrow_high),
         "bca_low": unit(bca_low), "bca_high": unit(bca_high),
         "single_low": unit(single_low), "single_high": unit(single_high),
-        "sd": statistics.moments(x)[2], "margin": unit(margin_of(own.part)),
-        "p": own.p, "p_adjusted": own.p_adjusted, "level": own.to_meet, "power": own.power,
-        "p_permutation": own.p_permutation, "p_permutation_adjusted": own.p_permutation_adjusted,
+        "sd": statistics.moments(x)[2], "margin": unit(margin_of(weighed.part)),
+        "p": weighed.p, "p_adjusted": weighed.p_adjusted, "level": weighed.to_meet, "power": weighed.power,
+        "p_permutation": weighed.p_permutation, "p_permutation_adjusted": weighed.p_permutation_adjusted,
     }  # fmt: skip
-    return {name: rounded(value) for name, value in found.items()}
+    return {name: rounded(value) for name, value in numbers.items()}
 
 
-def _wins(own: Weighed) -> dict[str, float | int]:
-    x, margin = own.x, margin_of(own.part)
-    won = {"less": x < 0.0, "more": x > 0.0, "equal": np.abs(x) <= margin}[own.part.claim]
+def _wins(weighed: Weighed) -> dict[str, float | int]:
+    x, margin = weighed.x, margin_of(weighed.part)
+    won = {"less": x < 0.0, "more": x > 0.0, "equal": np.abs(x) <= margin}[weighed.part.claim]
     wins = int(np.count_nonzero(won))
     low, high = statistics.wilson(wins, len(x))
     return {"wins": wins, "wins_low": rounded(low), "wins_high": rounded(high)}
 
 
-def _single(own: Weighed) -> dict[str, bool]:
-    if own.printed is None:
+def _single(weighed: Weighed) -> dict[str, bool]:
+    if weighed.printed is None:
         return {}
-    unit, (low, high) = _unit(own.part), statistics.prediction_interval(own.x)
-    return {"ordinary": unit(low) <= own.printed <= unit(high)}
+    unit, (low, high) = _unit(weighed.part), statistics.prediction_interval(weighed.x)
+    return {"ordinary": unit(low) <= weighed.printed <= unit(high)}
 
 
 def _unit(part: Part) -> Callable[[float], float]:

@@ -41,8 +41,10 @@ def check(part: Part) -> None:
     """Raises UsageError for a part that its statistic can do nothing with."""
     where = f"{part.statistic} of {part.a}"
     if part.statistic not in NEEDS:
-        known = ", ".join(NEEDS)
-        raise UsageError(f"{part.statistic!r} is no statistic", where=where, next_step=f"Known: {known}.")
+        statistics = ", ".join(NEEDS)
+        raise UsageError(
+            f"{part.statistic!r} is no statistic", where=where, next_step=f"Known: {statistics}."
+        )
     if part.claim not in ("less", "more", "equal"):
         fact = f"a part claims less, more or equal, not {part.claim!r}"
         raise UsageError(fact, where=where, next_step="Choose one of the three.")
@@ -68,8 +70,8 @@ def margin_of(part: Part) -> float:
     Raises:
         UsageError: a factor of 1 or less, or a margin of 0 or less.
     """
-    given = part.margin if in_logs(part) or part.margin != MARGIN else None
-    margin = given if given is not None else _default(part)
+    stated = part.margin if in_logs(part) or part.margin != MARGIN else None
+    margin = stated if stated is not None else _default(part)
     least = 1.0 if in_logs(part) else 0.0
     if not least < margin < math.inf:
         fact = f"a margin of {margin} is not above {least:g}"
@@ -119,9 +121,9 @@ def read_so(
 
     Another model of a run has figures of tests alone, so that it takes no place in other figures.
     """
-    own = {old: new for old, new in replace.items() if part.test or ":" not in new}
-    sides = {name: exchanged(getattr(part, name), own) for name in "abcd" if getattr(part, name)}
-    among = tuple(exchanged(source, own) for source in part.among)
+    replacements = {old: new for old, new in replace.items() if part.test or ":" not in new}
+    sides = {name: exchanged(getattr(part, name), replacements) for name in "abcd" if getattr(part, name)}
+    among = tuple(exchanged(source, replacements) for source in part.among)
     columns = {
         "test": (tests or {}).get(part.test, part.test),
         "measure": (measures or {}).get(part.measure, part.measure),

@@ -52,13 +52,13 @@ class Cell:
         Args:
             logs: the geometric mean and its interval.
         """
-        own = [value for value in values.values() if math.isfinite(value)]
-        if not own:
+        finite = [value for value in values.values() if math.isfinite(value)]
+        if not finite:
             return cls(math.nan, math.nan, math.nan, 0, len(values), logs)
-        own = [math.log(value) for value in own] if logs else own
-        low, high = interval(own) if len(own) > 1 else (math.nan, math.nan)
-        mean, low, high = (math.exp(v) if logs else v for v in (sum(own) / len(own), low, high))
-        return cls(mean, low, high, len(own), len(values), logs)
+        finite = [math.log(value) for value in finite] if logs else finite
+        low, high = interval(finite) if len(finite) > 1 else (math.nan, math.nan)
+        mean, low, high = (math.exp(v) if logs else v for v in (sum(finite) / len(finite), low, high))
+        return cls(mean, low, high, len(finite), len(values), logs)
 
     @property
     def text(self) -> str:
@@ -101,15 +101,15 @@ def entry_table(entry: Entry, results: Values, more: Sequence[Row] = (), narrow:
 
 
 def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int, narrow: bool) -> None:
-    found = [cell(results, entry, row.run, column, k) for column in entry.columns]
-    if not any(own.asked for own in found):
+    cells = [cell(results, entry, row.run, column, k) for column in entry.columns]
+    if not any(item.asked for item in cells):
         return
     printed = [rf" \[{value:g}]" for value in row.printed] if entry.kind == "table" else []
-    printed += [""] * (len(found) - len(printed))
-    texts = [own.text + text for own, text in zip(found, printed, strict=True)]
+    printed += [""] * (len(cells) - len(printed))
+    texts = [item.text + text for item, text in zip(cells, printed, strict=True)]
     if narrow:
         texts = [text.replace(" ± ", "\n± ").replace(r" \[", "\n" + r"\[") for text in texts]
-    shown.add_row(row.label, str(k), *texts, str(max(own.asked for own in found)))
+    shown.add_row(row.label, str(k), *texts, str(max(item.asked for item in cells)))
 
 
 def comparison_lines(entry: Entry, results: Values) -> list[str]:
@@ -131,9 +131,11 @@ def run_line(run: str, results: Values) -> str:
     """The run's headline after its last trajectory; "" if it has none."""
     for measure, test, unit in HEADLINES:
         for k in range(MOST_ROUNDS, 0, -1):
-            own = Cell.of(results.values(run, measure, k, test))
-            if own.seeds:
-                return f"{run:24} {own.text} {unit} after {k} ({measure}, test {test}, {own.seeds} seeds)"
+            figure = Cell.of(results.values(run, measure, k, test))
+            if figure.seeds:
+                return (
+                    f"{run:24} {figure.text} {unit} after {k} ({measure}, test {test}, {figure.seeds} seeds)"
+                )
     return ""
 
 

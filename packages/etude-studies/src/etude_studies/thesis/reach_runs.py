@@ -30,7 +30,7 @@ def run(settings: Mapping[str, Any], _: int, needs: Mapping[str, pl.DataFrame]) 
     """R1: seconds of training motion after which the test's error is at most a threshold and stays so; NaN
     where it is not reached. The model is the method, the part the threshold, deg.
     """
-    found = []
+    rows = []
     for name, table in zip(settings["methods"], needs.values(), strict=True):
         sources = {name: "", **({line: line for line in LINES} if name == "A1" else {})}
         for source, model in sources.items():
@@ -38,8 +38,8 @@ def run(settings: Mapping[str, Any], _: int, needs: Mapping[str, pl.DataFrame]) 
                 errors = _errors(table, model, test)
                 for threshold in THRESHOLDS_DEG if errors else ():
                     seconds = seconds_until(errors, threshold)
-                    found.append(Measured(0, test, source, f"{threshold:g}", "seconds_until", seconds))
-    return found
+                    rows.append(Measured(0, test, source, f"{threshold:g}", "seconds_until", seconds))
+    return rows
 
 
 def seconds_until(errors: Mapping[int, float], threshold: float) -> float:
@@ -51,5 +51,5 @@ def seconds_until(errors: Mapping[int, float], threshold: float) -> float:
 
 def _errors(table: pl.DataFrame, model: str, test: str) -> dict[int, float]:
     keys = {"measure": "error", "part": "mean", "model": model, "test": test}
-    own = table.filter(*(pl.col(name) == value for name, value in keys.items()))
-    return dict(zip(own["k"].to_list(), own["value"].to_list(), strict=True))
+    errors = table.filter(*(pl.col(name) == value for name, value in keys.items()))
+    return dict(zip(errors["k"].to_list(), errors["value"].to_list(), strict=True))

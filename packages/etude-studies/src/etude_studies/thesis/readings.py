@@ -61,91 +61,97 @@ def missing(run: str) -> str:
 def exchange(change: Change) -> dict[str, str]:
     """Every run that a change concerns, by the run that has its settings so changed."""
     runs = _settings()
-    found = {_canonical(own): name for name, own in reversed(runs.items())}
+    by_settings = {_canonical(settings): name for name, settings in reversed(runs.items())}
     out = {}
-    for name, own in runs.items():
-        other = change(own)
+    for name, settings in runs.items():
+        other = change(settings)
         if other is None:
             out[name] = missing(name)
-        elif _canonical(other) != _canonical(own):
-            out[name] = found.get(_canonical(other), missing(name))
+        elif _canonical(other) != _canonical(settings):
+            out[name] = by_settings.get(_canonical(other), missing(name))
     return out
 
 
 @cache
 def _settings() -> dict[str, Settings]:
     """Of every run of chapters 5 and 6."""
-    known = {**ARM_RUNS, **DESCENT, **ROUNDED, **ON_PLANTS}
-    arms = {name: asdict(ArmSettings(**own)) for name, (_, own) in known.items()}
-    return arms | {name: asdict(own) for name, (_, own) in FLIGHT_RUNS.items()}
+    runs = {**ARM_RUNS, **DESCENT, **ROUNDED, **ON_PLANTS}
+    arms = {name: asdict(ArmSettings(**settings)) for name, (_, settings) in runs.items()}
+    return arms | {name: asdict(settings) for name, (_, settings) in FLIGHT_RUNS.items()}
 
 
 def _canonical(settings: Settings) -> str:
-    own = {name: value for name, value in settings.items() if name not in RECORDED}
-    return json.dumps(own, sort_keys=True, default=str)
+    relevant = {name: value for name, value in settings.items() if name not in RECORDED}
+    return json.dumps(relevant, sort_keys=True, default=str)
 
 
 def _arm(change: Change) -> Change:
     """A change to arms of the thesis's protocol alone."""
-    return lambda own: change(own) if own.get("preset") == "thesis" else own
+    return lambda settings: change(settings) if settings.get("preset") == "thesis" else settings
 
 
 def _flight(change: Change, vehicle: str = "") -> Change:
-    return lambda own: change(own) if vehicle in own.get("vehicle", ()) else own
+    return lambda settings: change(settings) if vehicle in settings.get("vehicle", ()) else settings
 
 
 def _key(name: str, old: Any, new: Any) -> Change:
     """A value in the place of another."""
-    return lambda own: {**own, name: new} if own.get(name) == old else own
+    return lambda settings: {**settings, name: new} if settings.get(name) == old else settings
 
 
-def _amplitude(own: Settings) -> Settings | None:
+def _amplitude(settings: Settings) -> Settings | None:
     # designed trajectories begin with a random one, which no run draws so
-    return None if own["motions"] == "designed" else {**own, "motions": "amplitude"}
+    return None if settings["motions"] == "designed" else {**settings, "motions": "amplitude"}
 
 
-def _evaluations(own: Settings) -> Settings:
-    steps = own["model"].get("steps", STEPS)
-    return {**own, "model": {**own["model"], "steps": -steps}} if steps > 0 else own
+def _evaluations(settings: Settings) -> Settings:
+    steps = settings["model"].get("steps", STEPS)
+    return {**settings, "model": {**settings["model"], "steps": -steps}} if steps > 0 else settings
 
 
-def _descent(own: Settings) -> Settings:
-    stepped = own["model"].get("steps", STEPS) > 0
-    return {**own, "model": {**own["model"], "method": "descent"}} if stepped else own
+def _descent(settings: Settings) -> Settings:
+    stepped = settings["model"].get("steps", STEPS) > 0
+    return {**settings, "model": {**settings["model"], "method": "descent"}} if stepped else settings
 
 
 def _plant(factors: Mapping[str, float]) -> Change:
-    return lambda own: {**own, "plant": factors}
+    return lambda settings: {**settings, "plant": factors}
 
 
-def _grown(own: Settings) -> Settings:
-    return {**own, "steps_grow": True} if own["model"].get("schedule") == "reinitialise" else own
+def _growing_steps(settings: Settings) -> Settings:
+    return (
+        {**settings, "steps_grow": True} if settings["model"].get("schedule") == "reinitialise" else settings
+    )
 
 
-def _all_samples(own: Settings) -> Settings:
-    if not own["model"].get("process", "").startswith("ssgp") or own["data"] != DOWNSAMPLED:
-        return own
-    more = {"data": {"rate_hz": 100.0}, "model": {**own["model"], "fit_points": EVERY_SAMPLE}}
-    return {**own, **more}
+def _all_samples(settings: Settings) -> Settings:
+    if not settings["model"].get("process", "").startswith("ssgp") or settings["data"] != DOWNSAMPLED:
+        return settings
+    more = {"data": {"rate_hz": 100.0}, "model": {**settings["model"], "fit_points": EVERY_SAMPLE}}
+    return {**settings, **more}
 
 
 def _search(design: Settings) -> Change:
-    def change(own: Settings) -> Settings:
-        return {**own, "design": design} if own["motions"] == "designed" and not own["design"] else own
+    def change(settings: Settings) -> Settings:
+        return (
+            {**settings, "design": design}
+            if settings["motions"] == "designed" and not settings["design"]
+            else settings
+        )
 
     return change
 
 
-def _default(own: Settings) -> Settings | None:
+def _default(settings: Settings) -> Settings | None:
     # the protocol learns by other members of the family: nothing corresponds to the others
-    designed = own["motions"] == "designed"
-    plain = own["model"] == {"process": "thesis_dictionary_error"} and not own["design"]
+    designed = settings["motions"] == "designed"
+    plain = settings["model"] == {"process": "thesis_dictionary_error"} and not settings["design"]
     criterion = {"criterion": "log_ivr"} if designed else {}
-    return {**own, "preset": "default", "model": {"rung": "gp"}, "design": criterion} if plain else None
+    return {**settings, "preset": "default", "model": {"rung": "gp"}, "design": criterion} if plain else None
 
 
-def _ladder(own: Settings) -> Settings | None:
-    other = _default(own)
+def _ladder(settings: Settings) -> Settings | None:
+    other = _default(settings)
     return None if other is None else {**other, "model": {"rung": "auto"}}
 
 
@@ -177,7 +183,7 @@ READINGS: Sequence[Reading] = (
     Reading("a base frequency for each joint", "R3", exchange(_arm(_key("own_omega0", False, True)))),
     Reading("steps are evaluations of the likelihood", "R4", exchange(_arm(_evaluations))),
     Reading("steps have a fixed rate along the gradient", "R4", exchange(_arm(_descent))),
-    Reading("reinitialised with as many steps in all", "R4", exchange(_arm(_grown))),
+    Reading("reinitialised with as many steps in all", "R4", exchange(_arm(_growing_steps))),
     Reading("designs from one random start", "R5", ONE),
     Reading("spectrum on all samples", "R7", exchange(_arm(_all_samples))),
     Reading("kinematic acceleration on the Pelican", "R12", KINEMATIC),
@@ -211,48 +217,51 @@ def readings(
     """Each with the verdicts on the claims that it touches; `planned` and `blocks` as of `judge`."""
     usual = weighed(ledger, results, planned=planned, blocks=blocks)
     out = []
-    for own in among:
-        read = {claim.id: tuple(_read(own, part) for part in claim.parts) for claim in ledger.claims}
+    for reading in among:
+        read = {claim.id: tuple(_read(reading, part) for part in claim.parts) for claim in ledger.claims}
         claims = tuple(msgspec.structs.replace(claim, parts=read[claim.id]) for claim in ledger.claims)
         whole = Ledger(claims, ledger.entries, ledger.ambiguities)
-        found = judge(whole, results, planned=planned, usual=usual)
-        out.append(changed_copy(own, verdicts=_touched(ledger, found, read)))
+        verdicts = judge(whole, results, planned=planned, usual=usual)
+        out.append(changed_copy(reading, verdicts=_touched(ledger, verdicts, read)))
     return out
 
 
-def depending(found: Mapping[str, Verdict], others: Sequence[Reading]) -> dict[str, Verdict]:
+def depending(verdicts: Mapping[str, Verdict], others: Sequence[Reading]) -> dict[str, Verdict]:
     """The verdicts, DEPENDS in the place of a decided word that is another one under an equal reading."""
-    return {id: _depending(own, [one for one in others if id in one.verdicts]) for id, own in found.items()}
+    return {
+        id: _depending(verdict, [one for one in others if id in one.verdicts])
+        for id, verdict in verdicts.items()
+    }
 
 
-def _depending(own: Verdict, others: Sequence[Reading]) -> Verdict:
-    words = {one.name: one.verdicts[own.claim].word for one in others}
+def _depending(verdict: Verdict, others: Sequence[Reading]) -> Verdict:
+    words = {one.name: one.verdicts[verdict.claim].word for one in others}
     decided = {name: word for name, word in words.items() if word in DECIDED}
-    if own.word not in DECIDED or set(decided.values()) <= {own.word}:
-        return own
+    if verdict.word not in DECIDED or set(decided.values()) <= {verdict.word}:
+        return verdict
     beside = [f"{name}: {decided.get(name, NOT_RUN)}" for name in words]
-    reason = "; ".join([f"steps are line searches: {own.word}", *beside])
-    return msgspec.structs.replace(own, word=DEPENDS, reason=reason)
+    reason = "; ".join([f"steps are line searches: {verdict.word}", *beside])
+    return msgspec.structs.replace(verdict, word=DEPENDS, reason=reason)
 
 
-def _read(own: Reading, part: Part) -> Part:
+def _read(reading: Reading, part: Part) -> Part:
     """A part so read; where two conditions make a reading, it has to change both or it is another's.
 
     The test of what has learned that very motion is no other motion.
     """
-    if own.tests and {run_of(source) for source in part.sources} & set(LEARN_THE_TEST):
+    if reading.tests and {run_of(source) for source in part.sources} & set(LEARN_THE_TEST):
         return part
-    other = read_so(part, own.replace, own.tests, own.measures)
-    both = own.replace and own.tests
-    alone = (read_so(part, own.replace), read_so(part, {}, own.tests))
+    other = read_so(part, reading.replace, reading.tests, reading.measures)
+    both = reading.replace and reading.tests
+    alone = (read_so(part, reading.replace), read_so(part, {}, reading.tests))
     return part if both and part in alone else other
 
 
 def _touched(
-    ledger: Ledger, found: Mapping[str, Verdict], read: Mapping[str, tuple[Part, ...]]
+    ledger: Ledger, verdicts: Mapping[str, Verdict], read: Mapping[str, tuple[Part, ...]]
 ) -> dict[str, Verdict]:
     def changes(claim: Claim) -> bool:
-        said = [ledger.claim(id) for id in claim.alias_of] or [claim]
-        return any(one.parts != read[one.id] for one in said)
+        originals = [ledger.claim(id) for id in claim.alias_of] or [claim]
+        return any(one.parts != read[one.id] for one in originals)
 
-    return {claim.id: found[claim.id] for claim in ledger.claims if changes(claim)}
+    return {claim.id: verdicts[claim.id] for claim in ledger.claims if changes(claim)}

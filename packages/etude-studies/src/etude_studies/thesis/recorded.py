@@ -78,29 +78,30 @@ class Recorded:
         tables = {}
         for run in runs:
             with threads_for(0):
-                own = [measured_table(self._fold(run, fold), run) for fold in range(self.folds)]
+                fold_tables = [measured_table(self._fold(run, fold), run) for fold in range(self.folds)]
             tables[run] = pl.concat(
-                table.with_columns(pl.lit(fold, pl.Int32).alias("seed")) for fold, table in enumerate(own)
+                table.with_columns(pl.lit(fold, pl.Int32).alias("seed"))
+                for fold, table in enumerate(fold_tables)
             )
         return Results(tables, {run: {"hashes": {}} for run in runs})
 
     def _fold(self, run: str, fold: int) -> Iterator[Measured]:
-        judged = self._samples(self._settings({}))
-        settings = self._settings(ARM_RUNS[run][1], len(judged) / ROUNDS / TRAJECTORY)
+        all_samples = self._samples(self._settings({}))
+        settings = self._settings(ARM_RUNS[run][1], len(all_samples) / ROUNDS / TRAJECTORY)
         world, samples = settings.world, self._samples(settings)
-        edges = np.quantile(judged.t, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1])
-        test = judged.take(self._left_out(judged.t, edges, fold))
+        edges = np.quantile(all_samples.t, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1])
+        test = all_samples.take(self._left_out(all_samples.t, edges, fold))
         held = self._left_out(samples.t, edges, fold)
         gap = 1.0 / filter_cutoff(self.log, world.config.data)
         train = samples.take(~held & ~near_times(samples.t, held, gap))
         piece, model = np.arange(len(train)) * STRETCHES * ROUNDS // len(train) % ROUNDS, None
         for k in range(1, ROUNDS + 1):
-            known = replace(train, group=piece).take(piece < k)
+            learned = replace(train, group=piece).take(piece < k)
             rng = np.random.default_rng([fold, k])
-            model = world.learned(known, settings.model_of(k), rng, model, body=False).model
-            line = LinearPhysics(model.inputs)(known).predict(test.log)
-            for name, found in (("", model.mean(test.log)), ("linear", line)):
-                yield from joint_rows(k, TEST, name, world, [(MEASURE, _error(found, test))])
+            model = world.learned(learned, settings.model_of(k), rng, model, body=False).model
+            line = LinearPhysics(model.inputs)(learned).predict(test.log)
+            for name, predicted in (("", model.mean(test.log)), ("linear", line)):
+                yield from joint_rows(k, TEST, name, world, [(MEASURE, _error(predicted, test))])
 
     def _left_out(self, t: Array, edges: Array, fold: int) -> Mask:
         """Which of the times t (n,) lie in a block of the fold."""
@@ -111,17 +112,17 @@ class Recorded:
 
     def _settings(self, run: Mapping[str, Any], share: float = 1.0) -> ArmSettings:
         """A run's, on what was measured: a log has no plan. Sizes are for pieces of `share` trajectories."""
-        own = {**run, "data": {**run.get("data", {}), "inputs": "measured"}, "robot": str(self.robot)}
-        config = ArmSettings(**own).config.model
+        keys = {**run, "data": {**run.get("data", {}), "inputs": "measured"}, "robot": str(self.robot)}
+        config = ArmSettings(**keys).config.model
         sizes = {name: getattr(config, name) for name in SCALED}
         less = {name: max(FEWEST, round(size * min(1.0, share))) for name, size in sizes.items()}
-        return ArmSettings(**{**own, "model": {**run.get("model", {}), **less}})
+        return ArmSettings(**{**keys, "model": {**run.get("model", {}), **less}})
 
 
-def _error(found: Array, test: Samples) -> Array:
+def _error(predicted: Array, test: Samples) -> Array:
     """(J,) mean absolute error where the joint moves."""
     use = test.usable & test.moving
-    return np.asarray(np.nanmean(np.where(use, np.abs(found - test.command), np.nan), axis=0))
+    return np.asarray(np.nanmean(np.where(use, np.abs(predicted - test.command), np.nan), axis=0))
 
 
 def runs_on_logs(entry: Entry) -> list[str]:

@@ -81,12 +81,12 @@ def by_features(
     config = replace(world.config.model, process="exact", points=FIT_POINTS, fit_points=FIT_POINTS)
     model = world.learned(samples, config, rng).model
     X, parts = model.inputs.of_log(samples.log), list[tuple[Array, Callable[[Array], Array]]]()
-    for candidate, known in zip(model.candidates, processes(model), strict=True):
+    for candidate, posterior in zip(model.candidates, processes(model), strict=True):
         (command,), (offset, factor) = candidate.commands, candidate.units[:, 0]
         W = frequencies(POINTS, X.shape[1], rng)
-        ridge = float(known.noise_variance / known.signal_variance)
+        ridge = float(posterior.noise_variance / posterior.signal_variance)
         y = (samples.command[:, command] - offset) / factor
-        parts.append((candidate.units[:, 0], features(W, np.exp(known.theta[1:]), X, y, ridge)))
+        parts.append((candidate.units[:, 0], features(W, np.exp(posterior.theta[1:]), X, y, ridge)))
 
     def predict(states: Log) -> Array:
         new = model.inputs.of_log(states)
@@ -100,8 +100,8 @@ def by_inducing(world: World, samples: Samples, rng: np.random.Generator) -> Pre
 
     Titsias (2009): with Gaussian noise the best distribution of the inducing values is known.
     """
-    own = {"process": "vfe", "basis": POINTS, "points": len(samples), "fit_points": FIT_POINTS}
-    model = world.learned(samples, replace(world.config.model, **own), rng).model  # type: ignore[arg-type]
+    keys = {"process": "vfe", "basis": POINTS, "points": len(samples), "fit_points": FIT_POINTS}
+    model = world.learned(samples, replace(world.config.model, **keys), rng).model  # type: ignore[arg-type]
     return model.mean
 
 
@@ -109,8 +109,8 @@ def by_process(world: World, samples: Samples, rng: np.random.Generator) -> Pred
     """Full regression on all samples, with hyperparameters of `FIT_POINTS` of them: what the thesis has, for
     comparison.
     """
-    own = {"process": "exact", "points": len(samples), "fit_points": FIT_POINTS}
-    model = world.learned(samples, replace(world.config.model, **own), rng).model  # type: ignore[arg-type]
+    keys = {"process": "exact", "points": len(samples), "fit_points": FIT_POINTS}
+    model = world.learned(samples, replace(world.config.model, **keys), rng).model  # type: ignore[arg-type]
     return model.mean
 
 
@@ -154,14 +154,14 @@ def on_the_arm(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.Da
         settings: `methods`, names of `ON_ARMS`, and `rounds`; those of M1 and six if not given. Others are
             those of `ArmSettings`. seed: of the study. needs: the table of `arm_motions.draws`.
     """
-    given = {"rounds": ROUNDS, "data": DOWNSAMPLED, **settings}
-    names = given.pop("methods", tuple(OF_M1))
-    own = ArmSettings(**given)
-    drawn = training_motions(next(iter(needs.values())))[: own.rounds]
+    keys = {"rounds": ROUNDS, "data": DOWNSAMPLED, **settings}
+    names = keys.pop("methods", tuple(OF_M1))
+    arm_settings = ArmSettings(**keys)
+    drawn = training_motions(next(iter(needs.values())))[: arm_settings.rounds]
     with threads_for(0):
-        logs = [recorded(own, motion, seed, number) for number, motion in enumerate(drawn, start=1)]
-        samples = own.world.samples(*logs)
-        return [row for name in names for row in _tracked(own, seed, samples, name)]
+        logs = [recorded(arm_settings, motion, seed, number) for number, motion in enumerate(drawn, start=1)]
+        samples = arm_settings.world.samples(*logs)
+        return [row for name in names for row in _tracked(arm_settings, seed, samples, name)]
 
 
 def _tracked(settings: ArmSettings, seed: int, samples: Samples, name: str) -> Iterator[Measured]:
@@ -185,12 +185,12 @@ def on_flights(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFr
         settings: `methods`, names of `ANYWHERE`; all if not given. Others are those of `FlightSettings`.
         seed: of the study.
     """
-    given = {"flights": FLIGHTS, **settings}
-    names = given.pop("methods", tuple(ANYWHERE))
-    own = FlightSettings(**given)
+    keys = {"flights": FLIGHTS, **settings}
+    names = keys.pop("methods", tuple(ANYWHERE))
+    flight_settings = FlightSettings(**keys)
     with threads_for(0):
-        samples = own.place.samples(*random_flights(own, seed))
-        return [row for name in names for row in _flown(own, seed, samples, name)]
+        samples = flight_settings.place.samples(*random_flights(flight_settings, seed))
+        return [row for name in names for row in _flown(flight_settings, seed, samples, name)]
 
 
 def _flown(settings: FlightSettings, seed: int, samples: Samples, name: str) -> Iterator[Measured]:
@@ -201,10 +201,10 @@ def _flown(settings: FlightSettings, seed: int, samples: Samples, name: str) -> 
     predict = ANYWHERE[name](world, samples, np.random.default_rng([seed, TRAIN, k, place]))
     yield Measured(k, "", name, "mean", "cpu_train", time.process_time() - began)
     tests, unit = flown_tests(settings, seed).sets, np.ones(len(PARTS[settings.vehicle]))
-    for test in (own for own in SETS if own in tests):
+    for test in (test_name for test_name in SETS if test_name in tests):
         error = np.abs(tests[test].command - predict(tests[test].samples.log))
-        found = iter([("mae", tests[test].flight_mean(error))])
-        yield from by_command(settings.vehicle, unit, k, test, name, found)
+        figures = iter([("mae", tests[test].flight_mean(error))])
+        yield from by_command(settings.vehicle, unit, k, test, name, figures)
 
 
 def _anew(model: ModelConfig) -> ModelConfig:

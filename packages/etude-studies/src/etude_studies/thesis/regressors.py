@@ -73,16 +73,16 @@ def best_of(
 
     A group alone is cut into `FOLDS` pieces of time.
     """
-    known, place = np.unique(group, return_inverse=True)
-    fold = place % FOLDS if len(known) >= FOLDS else np.arange(len(X)) * FOLDS // len(X)
+    groups, place = np.unique(group, return_inverse=True)
+    fold = place % FOLDS if len(groups) >= FOLDS else np.arange(len(X)) * FOLDS // len(X)
     seed = int(rng.integers(2**32))  # settings differ in nothing else
     spread = Units.of(Y).deviation
 
     def error(setting: Drawn) -> float:
         total = 0.0
         for out in range(FOLDS):
-            own, test = fold != out, fold == out
-            fitted = fit(setting, X[own], Y[own], np.random.default_rng(seed))
+            training, test = fold != out, fold == out
+            fitted = fit(setting, X[training], Y[training], np.random.default_rng(seed))
             total += float(np.sum(((fitted(X[test]) - Y[test]) / spread) ** 2))
         return total
 
@@ -140,8 +140,8 @@ def by_adam(
     batches = max(1, count // BATCH)
     steps, t = EPOCHS * batches, 0
     for _ in range(EPOCHS):
-        for own in np.array_split(rng.permutation(count), batches):
-            gradient = slopes(own)
+        for batch in np.array_split(rng.permutation(count), batches):
+            gradient = slopes(batch)
             t += 1
             now = 0.5 * rate * (1.0 + np.cos(np.pi * t / steps))
             now *= np.sqrt(1.0 - FORGETS_SQUARES**t) / (1.0 - FORGETS**t)
@@ -159,11 +159,11 @@ def first_weights(sizes: Sequence[int], rng: np.random.Generator) -> Weights:
 
 def layers(weights: Weights, X: NDArray[Any]) -> list[NDArray[Any]]:
     """Inputs, what each hidden layer gives, and outputs."""
-    found = [X]
+    outputs = [X]
     for place, (W, b) in enumerate(weights, start=1):
-        value = found[-1] @ W + b
-        found.append(np.tanh(value) if place < len(weights) else value)
-    return found
+        value = outputs[-1] @ W + b
+        outputs.append(np.tanh(value) if place < len(weights) else value)
+    return outputs
 
 
 def loss_gradient(weights: Weights, X: NDArray[Any], Y: NDArray[Any], decay: float) -> tuple[float, Weights]:
@@ -171,11 +171,11 @@ def loss_gradient(weights: Weights, X: NDArray[Any], Y: NDArray[Any], decay: flo
     values = layers(weights, X)
     wrong = values[-1] - Y
     loss = 0.5 * float(np.mean(wrong**2)) + 0.5 * decay * sum(float(np.sum(W**2)) for W, _ in weights)
-    slope, found = wrong / wrong.size, []
+    slope, gradients = wrong / wrong.size, []
     for (W, _), below in zip(reversed(weights), reversed(values[:-1]), strict=True):
-        found.append((below.T @ slope + decay * W, slope.sum(axis=0)))
+        gradients.append((below.T @ slope + decay * W, slope.sum(axis=0)))
         slope = (slope @ W.T) * (1.0 - below**2)
-    return loss, found[::-1]
+    return loss, gradients[::-1]
 
 
 def orthogonal(rows: int, columns: int, rng: np.random.Generator) -> Array:
@@ -262,15 +262,15 @@ def boosted(setting: TreeSetting, X: Array, Y: Array, rng: np.random.Generator) 
 
     bins, trees = binned(X), []
     for left in Y.T.copy():
-        own = []
+        ensemble = []
         for _ in range(TREES):
-            own.append(grown(setting, bins, left))
-            left -= setting.rate * own[-1].predict(bins)
-        trees.append(own)
+            ensemble.append(grown(setting, bins, left))
+            left -= setting.rate * ensemble[-1].predict(bins)
+        trees.append(ensemble)
 
     def predict(new: Array) -> Array:
         places = binned(new)
-        sums = [sum((tree.predict(places) for tree in own), np.zeros(len(new))) for own in trees]
+        sums = [sum((tree.predict(places) for tree in ensemble), np.zeros(len(new))) for ensemble in trees]
         return np.asarray(setting.rate * np.stack(sums, axis=1))
 
     return predict

@@ -18,8 +18,8 @@ TIMINGS = 16
 def regressor_spec(seed: int, *methods: str) -> Spec:
     """M1 of a seed, or these methods alone, with the motions of A6."""
     draws = Spec("etude_studies.thesis.arm_motions:draws", {"motions": "scaled"}, seed)
-    own = {"methods": list(methods)} if methods else {}
-    return Spec("etude_studies.thesis.regressor_runs:on_the_arm", own, seed, [draws])
+    settings = {"methods": list(methods)} if methods else {}
+    return Spec("etude_studies.thesis.regressor_runs:on_the_arm", settings, seed, [draws])
 
 
 def _network_spec(seed: int) -> Spec:

@@ -31,9 +31,9 @@ def moments(x: ArrayLike) -> tuple[int, float, float]:
     Raises:
         UsageError: fewer than two numbers, or one that is not finite.
     """
-    own = _checked(x)
-    sd = float(own.std(ddof=1))
-    return len(own), float(own.mean()), 0.0 if sd <= ROUNDING * float(np.abs(own).max()) else sd
+    sample = _checked(x)
+    sd = float(sample.std(ddof=1))
+    return len(sample), float(sample.mean()), 0.0 if sd <= ROUNDING * float(np.abs(sample).max()) else sd
 
 
 def paired_t(x: ArrayLike) -> float:
@@ -61,12 +61,12 @@ def sign_flip(x: ArrayLike, *, two_sided: bool = True) -> float:
 
     The observed signs count as one of the draws, so that p is never 0 (Phipson & Smyth 2010).
     """
-    own = _checked(x)
-    sums, observed = _signs(len(own), FLIPS) @ own, float(own.sum())
+    sample = _checked(x)
+    sums, observed = _signs(len(sample), FLIPS) @ sample, float(sample.sum())
     if two_sided:
         sums, observed = np.abs(sums), abs(observed)
     # flips that only reorder the sum are as far out as the observed one
-    equal = ROUNDING * float(np.abs(own).sum())
+    equal = ROUNDING * float(np.abs(sample).sum())
     return (1.0 + float(np.count_nonzero(sums >= observed - equal))) / (FLIPS + 1.0)
 
 
@@ -78,8 +78,8 @@ def equivalence(x: ArrayLike, margin: float) -> float:
 
 def equivalence_flip(x: ArrayLike, margin: float) -> float:
     """The same by sign flips of x + margin and margin - x."""
-    own = _checked(x)
-    return max(sign_flip(own + margin, two_sided=False), sign_flip(margin - own, two_sided=False))
+    sample = _checked(x)
+    return max(sign_flip(sample + margin, two_sided=False), sign_flip(margin - sample, two_sided=False))
 
 
 def outside(x: ArrayLike, margin: float) -> float:
@@ -90,20 +90,20 @@ def outside(x: ArrayLike, margin: float) -> float:
 
 def outside_flip(x: ArrayLike, margin: float) -> float:
     """The same by sign flips of x less the margin that it is beyond."""
-    own = _checked(x)
-    mean = float(own.mean())
-    return sign_flip(own - math.copysign(margin, mean)) if abs(mean) > margin else 1.0
+    sample = _checked(x)
+    mean = float(sample.mean())
+    return sign_flip(sample - math.copysign(margin, mean)) if abs(mean) > margin else 1.0
 
 
 def bca(x: ArrayLike, level: float = 0.95) -> tuple[float, float]:
     """Bias-corrected and accelerated bootstrap interval of the mean over seeds (Efron 1987)."""
-    own = _checked(x)
-    n, mean, sd = moments(own)
+    sample = _checked(x)
+    n, mean, sd = moments(sample)
     if sd == 0.0:
         return mean, mean
-    means = own[_resamples(n, RESAMPLES)].mean(axis=1)
+    means = sample[_resamples(n, RESAMPLES)].mean(axis=1)
     below = 0.5 * (np.mean(means < mean) + np.mean(means <= mean))
-    bias, turn = float(ndtri(below)), _acceleration(own)
+    bias, turn = float(ndtri(below)), _acceleration(sample)
     z = bias + ndtri(np.array([0.5 - 0.5 * level, 0.5 + 0.5 * level]))
     low, high = np.quantile(means, ndtr(bias + z / (1.0 - turn * z)))
     return float(low), float(high)
@@ -125,29 +125,29 @@ def wilson(wins: int, n: int, level: float = 0.95) -> tuple[float, float]:
 
 def holm(p: Sequence[float]) -> Array:
     """Adjusted p (m,): the chance of any false rejection in the family stays below the level (Holm 1979)."""
-    own, order = _probabilities(p)
-    adjusted = np.maximum.accumulate(own[order] * np.arange(len(own), 0, -1))
+    p_values, order = _probabilities(p)
+    adjusted = np.maximum.accumulate(p_values[order] * np.arange(len(p_values), 0, -1))
     return _back(np.minimum(adjusted, 1.0), order)
 
 
 def benjamini_hochberg(p: Sequence[float]) -> Array:
     """Adjusted p (m,): the expected share of false ones among the rejected stays below the level (1995)."""
-    own, order = _probabilities(p)
-    scaled = own[order] * len(own) / np.arange(1, len(own) + 1)
+    p_values, order = _probabilities(p)
+    scaled = p_values[order] * len(p_values) / np.arange(1, len(p_values) + 1)
     adjusted = np.minimum.accumulate(scaled[::-1])[::-1]
     return _back(np.minimum(adjusted, 1.0), order)
 
 
 def holm_levels(p: Sequence[float], level: float) -> Array:
     """(m,) that each p has to meet to be found next, the others as they are."""
-    found = holm(p) < level
-    return np.asarray(level / (len(found) - (found.sum() - found)))
+    rejected = holm(p) < level
+    return np.asarray(level / (len(rejected) - (rejected.sum() - rejected)))
 
 
 def benjamini_hochberg_levels(p: Sequence[float], level: float) -> Array:
     """The same for Benjamini and Hochberg."""
-    found = benjamini_hochberg(p) < level
-    return np.asarray(level * (1 + found.sum() - found) / max(len(found), 1))
+    rejected = benjamini_hochberg(p) < level
+    return np.asarray(level * (1 + rejected.sum() - rejected) / max(len(rejected), 1))
 
 
 @lru_cache(maxsize=8)
@@ -164,18 +164,18 @@ def _resamples(n: int, draws: int) -> NDArray[np.int64]:
 
 
 def _checked(x: ArrayLike) -> Array:
-    own = np.asarray(x, dtype=np.float64)
-    if own.ndim != 1 or len(own) < 2 or not np.isfinite(own).all():
-        fact = f"a statistic over seeds needs two finite numbers or more, not {own.tolist()}"
+    sample = np.asarray(x, dtype=np.float64)
+    if sample.ndim != 1 or len(sample) < 2 or not np.isfinite(sample).all():
+        fact = f"a statistic over seeds needs two finite numbers or more, not {sample.tolist()}"
         raise UsageError(fact, next_step="Run more seeds, or leave out those without a number.")
-    return own
+    return sample
 
 
 def _probabilities(p: Sequence[float]) -> tuple[Array, NDArray[np.intp]]:
-    own = np.asarray(p, dtype=np.float64)
-    if not ((own >= 0.0) & (own <= 1.0)).all():
+    p_values = np.asarray(p, dtype=np.float64)
+    if not ((p_values >= 0.0) & (p_values <= 1.0)).all():
         raise UsageError("a p value is outside 0 .. 1", next_step="Give 1 where there is no test.")
-    return own, np.argsort(own, kind="stable")
+    return p_values, np.argsort(p_values, kind="stable")
 
 
 def _back(ordered: Array, order: NDArray[np.intp]) -> Array:

@@ -77,11 +77,12 @@ class ThesisStudy:
 
     def rows(self) -> list[Listed]:
         """Every group, figure, table and claim."""
-        own, verdicts, kept = ledger(), kept_verdicts(), kept_results()
+        claims_ledger, verdicts, results = ledger(), kept_verdicts(), kept_results()
         groups = [Listed(id, what, 0, "") for id, what in GROUPS.items()]
-        entries = [Listed(e.id, e.title, _seeds(e.id, kept), "") for e in own.entries]
+        entries = [Listed(e.id, e.title, _seeds(e.id, results), "") for e in claims_ledger.entries]
         claims = [
-            Listed(c.id, " ... ".join(c.quote), _seeds(c.id, kept), _word(verdicts, c.id)) for c in own.claims
+            Listed(c.id, " ... ".join(c.quote), _seeds(c.id, results), _word(verdicts, c.id))
+            for c in claims_ledger.claims
         ]
         return [*groups, *entries, *claims]
 
@@ -105,41 +106,41 @@ class ThesisStudy:
             return _recorded(id, options)
         runs = [run_named(name) for name in runs_of(id)]
         added = _methods(runs, options["method"])
-        own = Chosen.of([*runs, *added], options["seed"], options["seeds"])
+        chosen = Chosen.of([*runs, *added], options["seed"], options["seeds"])
         store = Path(options["folder"]) / "thesis"
         if options["go_on"]:
             say(f"{unpack(runs, store, kept_results())} committed results are taken as done.")
-        report = own.computed(store, options, say)
+        report = chosen.computed(store, options, say)
         if options["shard"]:
             text = f"{len(report.ran)} runs computed, {len(report.kept)} were there."
-            return text, _counted(report, own)
-        collect(store, own.by_run, store / COLLECTED)
+            return text, _counted(report, chosen)
+        collect(store, chosen.by_run, store / COLLECTED)
         results = Results.load(store / COLLECTED)
-        told, beside = _counted(report, own), _beside(report, own, results)
+        counts, beside = _counted(report, chosen), _beside(report, chosen, results)
         lines = [_shown(id, results, added), *(one.sentence for one in beside)]
-        lines += [f"{name} failed: {why}" for name, why in told["failed"].items()]
+        lines += [f"{name} failed: {why}" for name, why in counts["failed"].items()]
         committed = {one.run: one.as_dict() for one in beside}
         return "\n".join(lines), {
-            **told,
+            **counts,
             "rows": entry_rows(entries_of(id), results, added),
             "committed": committed,
         }
 
     def show(self, id: str) -> tuple[str, dict[str, Any]]:
         """What is committed of a claim, a figure, a table or a run."""
-        own, results, verdicts = ledger(), kept_results(), kept_verdicts()
-        claim = next((one for one in own.claims if one.id == id), None)
+        claims_ledger, results, verdicts = ledger(), kept_results(), kept_verdicts()
+        claim = next((one for one in claims_ledger.claims if one.id == id), None)
         if claim is not None and id in verdicts:
-            found = verdicts[id]
-            lines = [verdict_sentence(claim, found), *(f"  {line}" for line in numbers(found))]
+            verdict = verdicts[id]
+            lines = [verdict_sentence(claim, verdict), *(f"  {line}" for line in numbers(verdict))]
             lines += [f"  thesis: {claim.thesis}"] if claim.thesis else []
             lines += [f"  {text}" for text in (claim.note, claim.contradicts) if text]
-            if found.asks:
-                price = price_s(runs_of(id), found.asks, results, more=True)
-                words = f"etude study run {id} --seeds {found.asks} --go-on"
-                lines += [f"  to decide it ({price:.0f} CPU seconds): {words}"]
+            if verdict.asks:
+                price = price_s(runs_of(id), verdict.asks, results, more=True)
+                command = f"etude study run {id} --seeds {verdict.asks} --go-on"
+                lines += [f"  to decide it ({price:.0f} CPU seconds): {command}"]
             lines += [f"  again: etude study run {id}"]
-            return "\n".join(lines), {"id": id, "verdict": found.word, "parts": numbers(found)}
+            return "\n".join(lines), {"id": id, "verdict": verdict.word, "parts": numbers(verdict)}
         if not self.knows(id):
             raise unknown(id)
         text = entry_lines(entries_of(id), results, ())
@@ -165,12 +166,12 @@ class ThesisStudy:
         verdicts = verdicts_of(results)
         page = build_site(ledger(), verdicts, results, folder, sensitivity=other)
         written = _printed(verdicts, results, Path(options["paper"])) if options["paper"] else []
-        told = (
+        notes = (
             [f"{len(written)} files in {options['paper']}, paper.pdf and data.zip among them"]
             if written
             else []
         )
-        return "\n".join([str(page), *told]), {"page": str(page), "figures": [str(path) for path in written]}
+        return "\n".join([str(page), *notes]), {"page": str(page), "figures": [str(path) for path in written]}
 
     def live(self, options: Mapping[str, Any]) -> Pages:
         """The same pages to be served, of the committed results and what `folder` has of them so far."""
@@ -204,16 +205,16 @@ def _recorded(id: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]
         step = "Take a table of 6.1 to 6.9, such as table-6.9."
         raise UsageError(f"{id} is no table, so no log answers it", where="--logs", next_step=step)
     runs = runs_on_logs(entry)
-    given = Recorded.of(Path(options["logs"]), options["robot"], options["seeds"])
-    own, results = entry_of_log(entry, World.of(given.robot)), given.results(runs)
-    claims = claims_of_log(ledger(), runs, given.folds)
-    found = judge(msgspec.structs.replace(ledger(), claims=claims), results)
-    lines = [entry_lines([own], results, ()), FOLDED.format(given.folds)]
+    recorded = Recorded.of(Path(options["logs"]), options["robot"], options["seeds"])
+    log_entry, results = entry_of_log(entry, World.of(recorded.robot)), recorded.results(runs)
+    claims = claims_of_log(ledger(), runs, recorded.folds)
+    verdicts = judge(msgspec.structs.replace(ledger(), claims=claims), results)
+    lines = [entry_lines([log_entry], results, ()), FOLDED.format(recorded.folds)]
     for claim in claims:
-        real = msgspec.structs.replace(found[claim.id], simulated=False)
+        real = msgspec.structs.replace(verdicts[claim.id], simulated=False)
         lines += [verdict_sentence(claim, real), *(f"  {line}" for line in numbers(real))]
-    words = {claim.id: found[claim.id].word for claim in claims}
-    return "\n".join(lines), {"rows": entry_rows([own], results, ()), "words": words}
+    verdict_words = {claim.id: verdicts[claim.id].word for claim in claims}
+    return "\n".join(lines), {"rows": entry_rows([log_entry], results, ()), "words": verdict_words}
 
 
 def _printed(verdicts: Mapping[str, Verdict], results: Results, folder: Path) -> list[Path]:
@@ -242,23 +243,23 @@ def _renewed(store: Path) -> None:
 
 def _beside(report: Report, chosen: Chosen, results: Results) -> list[Again]:
     """What was computed now, beside what is committed of it."""
-    ran, kept = set(report.ran), kept_results()
-    seeds = {run: [spec.seed for spec in own if spec in ran] for run, own in chosen.by_run.items()}
-    found = [again(run, own, results, kept) for run, own in seeds.items()]
-    return [one for one in found if one is not None]
+    ran, committed = set(report.ran), kept_results()
+    seeds = {run: [spec.seed for spec in specs if spec in ran] for run, specs in chosen.by_run.items()}
+    comparisons = [again(run, computed, results, committed) for run, computed in seeds.items()]
+    return [one for one in comparisons if one is not None]
 
 
 def _methods(runs: Sequence[Run], method: str) -> list[Run]:
     if not method:
         return []
-    found = [own for own in (with_method(run, method) for run in runs) if own is not None]
-    if not found:
+    changed_runs = [changed for changed in (with_method(run, method) for run in runs) if changed is not None]
+    if not changed_runs:
         raise UsageError(
             f"no run behind this has a place for {method}",
             where="--method",
             next_step="A kernel fits dictionaries and full regression, a criterion designed trajectories.",
         )
-    return found
+    return changed_runs
 
 
 def _shown(id: str, results: Results, added: Sequence[Run]) -> str:
@@ -267,8 +268,8 @@ def _shown(id: str, results: Results, added: Sequence[Run]) -> str:
         lines = [run_line(name, results) for name in (*runs_of(id), *(run.name for run in added))]
     verdicts = verdicts_of(results)
     for claim in ledger().claims:
-        asked = claim.id == id or id in claim.rests_on or id in _read(claim)
-        if asked and verdicts[claim.id].word != UNTESTED:
+        relevant = claim.id == id or id in claim.rests_on or id in _read(claim)
+        if relevant and verdicts[claim.id].word != UNTESTED:
             lines.append(verdict_sentence(claim, verdicts[claim.id]))
     return "\n".join(line for line in lines if line)
 
@@ -306,25 +307,25 @@ def _more(entry: Entry, added: Sequence[Run]) -> list[Row]:
 def entry_rows(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> list[dict[str, Any]]:
     from etude_studies.thesis.presenting import cell
 
-    found = []
+    rows = []
     for entry in entries:
         for row in [*entry.rows, *_more(entry, added)]:
             k = (row.at or entry.at)[-1]
             for column in entry.columns:
-                own = cell(results, entry, row.run, column, k)
-                if own.seeds:
-                    found.append(
+                item = cell(results, entry, row.run, column, k)
+                if item.seeds:
+                    rows.append(
                         {
                             "metric": f"{entry.id}, {row.label}, {column}",
-                            "value": own.mean,
-                            "low": own.low,
-                            "high": own.high,
-                            "seeds": own.seeds,
+                            "value": item.mean,
+                            "low": item.low,
+                            "high": item.high,
+                            "seeds": item.seeds,
                             "unit": entry.unit,
                             "k": k,
                         }
                     )
-    return found
+    return rows
 
 
 def _counted(report: Report, chosen: Chosen) -> dict[str, Any]:
@@ -337,12 +338,12 @@ def _counted(report: Report, chosen: Chosen) -> dict[str, Any]:
     }
 
 
-def _seeds(id: str, kept: Results) -> int:
+def _seeds(id: str, results: Results) -> int:
     try:
         names = runs_of(id)
     except UsageError:
         return 0
-    return min((len(kept.seeds(name)) for name in names), default=0)
+    return min((len(results.seeds(name)) for name in names), default=0)
 
 
 def _word(verdicts: Mapping[str, Verdict], id: str) -> str:

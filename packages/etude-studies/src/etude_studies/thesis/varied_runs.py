@@ -32,8 +32,8 @@ SECOND_BLOCK = 20
 
 def _again(run: str, rounds: int = ROUNDS, **more: Any) -> Settings:
     """A run's settings without lines beside it; keys of [model] are laid over its own."""
-    own = {name: value for name, value in ARM_RUNS[run][1].items() if name != "beside"}
-    return {**own, "rounds": rounds, **more, "model": {**own["model"], **more.get("model", {})}}
+    settings = {name: value for name, value in ARM_RUNS[run][1].items() if name != "beside"}
+    return {**settings, "rounds": rounds, **more, "model": {**settings["model"], **more.get("model", {})}}
 
 
 DESCENT: Varied = {

@@ -81,19 +81,23 @@ def weighed(
 ) -> dict[str, list[Weighed]]:
     """The parts of every claim with adjusted p; see `judge`."""
     read = partial(_weighed, results=results, planned=planned)
-    found = {claim.id: _block(claim, read, (blocks or {}).get(claim.id, 0)) for claim in ledger.claims}
+    weighed_parts = {
+        claim.id: _block(claim, read, (blocks or {}).get(claim.id, 0)) for claim in ledger.claims
+    }
     if usual is None:
-        return _corrected(ledger.claims, found)
-    pairs = {id: list(zip(own, usual[id], strict=True)) for id, own in found.items()}
-    known = {id: [_known(one, old) for one, old in own] for id, own in pairs.items()}
-    corrected = _corrected(ledger.claims, known)
+        return _corrected(ledger.claims, weighed_parts)
+    pairs = {id: list(zip(parts, usual[id], strict=True)) for id, parts in weighed_parts.items()}
+    settled = {id: [_settled(one, old) for one, old in parts] for id, parts in pairs.items()}
+    corrected = _corrected(ledger.claims, settled)
     return {
-        id: [old if old.part == one.part else new for (one, old), new in zip(own, corrected[id], strict=True)]
-        for id, own in pairs.items()
+        id: [
+            old if old.part == one.part else new for (one, old), new in zip(parts, corrected[id], strict=True)
+        ]
+        for id, parts in pairs.items()
     }
 
 
-def _known(one: Weighed, old: Weighed) -> Weighed:
+def _settled(one: Weighed, old: Weighed) -> Weighed:
     """A part for the correction of others: with the p of the usual reading where this one has none."""
     if one.part == old.part:
         return old
@@ -103,9 +107,9 @@ def _known(one: Weighed, old: Weighed) -> Weighed:
 def _block(claim: Claim, read: Callable[..., list[Weighed]], seeds: int) -> list[Weighed]:
     """The parts on the block of seeds that was asked for, if all runs have it; else on the planned seeds."""
     if seeds:
-        found = read(claim, block=seeds)
-        if found and all(min(one.contrast.stored.values()) >= seeds for one in found):
-            return found
+        block_parts = read(claim, block=seeds)
+        if block_parts and all(min(one.contrast.stored.values()) >= seeds for one in block_parts):
+            return block_parts
     return read(claim)
 
 
@@ -124,13 +128,15 @@ def _weighed(
     ]
 
 
-def _corrected(claims: Sequence[Claim], found: Mapping[str, list[Weighed]]) -> dict[str, list[Weighed]]:
+def _corrected(
+    claims: Sequence[Claim], weighed_parts: Mapping[str, list[Weighed]]
+) -> dict[str, list[Weighed]]:
     """The same with adjusted p; parts of one family are adjusted together."""
     families: dict[str, list[tuple[str, int]]] = {}
     for claim in claims:
-        own = [(claim.id, place) for place, one in enumerate(found[claim.id]) if one.directed]
-        families.setdefault(_family(claim), []).extend(own)
-    out = {id: list(parts) for id, parts in found.items()}
+        directed = [(claim.id, place) for place, one in enumerate(weighed_parts[claim.id]) if one.directed]
+        families.setdefault(_family(claim), []).extend(directed)
+    out = {id: list(parts) for id, parts in weighed_parts.items()}
     for family, members in families.items():
         for (id, place), one in zip(members, _adjusted(family, [out[i][j] for i, j in members]), strict=True):
             out[id][place] = one
@@ -168,35 +174,35 @@ def _correction(
 def _settle(
     id: str,
     claims: Mapping[str, Claim],
-    found: Mapping[str, list[Weighed]],
+    weighed_parts: Mapping[str, list[Weighed]],
     verdicts: dict[str, Verdict],
-    asked: tuple[str, ...],
+    chain: tuple[str, ...],
 ) -> Verdict:
     """The verdict on `id`, those that it says again first."""
     if id in verdicts:
         return verdicts[id]
-    if id not in claims or id in asked:
+    if id not in claims or id in chain:
         fact = f"{id!r} is no claim" if id not in claims else f"{id!r} says again itself"
-        raise UsageError(fact, where=" -> ".join((*asked, id)), next_step="Correct alias_of in the claims.")
+        raise UsageError(fact, where=" -> ".join((*chain, id)), next_step="Correct alias_of in the claims.")
     claim = claims[id]
     if claim.alias_of:
-        others = [_settle(other, claims, found, verdicts, (*asked, id)) for other in claim.alias_of]
+        others = [_settle(other, claims, weighed_parts, verdicts, (*chain, id)) for other in claim.alias_of]
         verdicts[id] = _again(claim, others)
     else:
-        verdicts[id] = _verdict(claim, found[id])
+        verdicts[id] = _verdict(claim, weighed_parts[id])
     return verdicts[id]
 
 
-def _verdict(claim: Claim, found: Sequence[Weighed]) -> Verdict:
+def _verdict(claim: Claim, weighed_parts: Sequence[Weighed]) -> Verdict:
     exploratory = claim.kind != "own"
     if claim.untestable:
         return Verdict(claim.id, UNTESTED, (), exploratory, claim.simulated, claim.untestable)
-    if not found:
+    if not weighed_parts:
         fact = "a claim without parts says neither what it repeats nor why it cannot be tested"
         raise UsageError(fact, where=claim.id, next_step="Give parts, alias_of or untestable.")
-    parts = tuple(part_verdict(one) for one in found)
+    parts = tuple(part_verdict(one) for one in weighed_parts)
     word = _combined(claim.combine, parts)
-    block = found[0].contrast.planned if found[0].looks == SECOND else 0
+    block = weighed_parts[0].contrast.planned if weighed_parts[0].looks == SECOND else 0
     asks = None if block or word != UNDECIDED else _asks(parts)
     reason = _reason(word, parts, block)
     return Verdict(claim.id, word, parts, exploratory, claim.simulated, reason, asks=asks, block=block)
@@ -231,8 +237,8 @@ def _reason(word: str, parts: Sequence[PartVerdict], block: int) -> str:
     power = min(part.power or 0.0 for part in parts if part.word == UNDECIDED)
     weak = [f"cannot tell at this n (power {power:.2f})"] if power < HALF else []
     seeds = _asks(parts) or "no number of"
-    rest = f"its block of {block} seeds is used" if block else f"{seeds} seeds would decide at this spread"
-    return "; ".join([*weak, rest])
+    hint = f"its block of {block} seeds is used" if block else f"{seeds} seeds would decide at this spread"
+    return "; ".join([*weak, hint])
 
 
 def _untested(reasons: Iterable[str]) -> str:
@@ -240,13 +246,13 @@ def _untested(reasons: Iterable[str]) -> str:
     waits = f"{NOT_RUN}: runs "
     lack = [reason.removeprefix(waits) for reason in reasons if reason.startswith(waits)]
     runs = dict.fromkeys(name for names in lack for name in names.split(", "))
-    rest = [reason for reason in reasons if not reason.startswith(waits)]
-    return "; ".join([*([waits + ", ".join(runs)] if runs else []), *rest])
+    others = [reason for reason in reasons if not reason.startswith(waits)]
+    return "; ".join([*([waits + ", ".join(runs)] if runs else []), *others])
 
 
 def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:
     word = worst([other.word for other in others])
-    asked = [other.asks for other in others if other.word == UNDECIDED]
+    requests = [other.asks for other in others if other.word == UNDECIDED]
     reasons = dict.fromkeys(other.reason for other in others if other.word == word and other.reason)
     return Verdict(
         claim.id,
@@ -256,7 +262,7 @@ def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:
         claim.simulated or any(other.simulated for other in others),
         "; ".join(reasons),
         tuple(claim.alias_of),
-        asks=None if None in asked else max(cast(list[int], asked), default=None),
+        asks=None if None in requests else max(cast(list[int], requests), default=None),
     )
 
 

@@ -462,8 +462,8 @@ def test_what_no_seed_reached_is_not_called_not_run() -> None:
     assert "1 of 2 seeds" in text
     assert "none of 2 seeds" in text
     assert "not run" not in text
-    assert Dot("slow", None, None, style_of(0), asked=2).words == "none of 2 seeds"
-    assert Dot("slow", summary(never["0.5"]), None, style_of(0), asked=2).words.endswith(", 1 of 2")
+    assert Dot("slow", None, None, style_of(0), asked=2).value_text == "none of 2 seeds"
+    assert Dot("slow", summary(never["0.5"]), None, style_of(0), asked=2).value_text.endswith(", 1 of 2")
 
 
 def test_a_sum_that_is_zero_but_for_rounding_is_written_as_zero() -> None:

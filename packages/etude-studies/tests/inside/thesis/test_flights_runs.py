@@ -345,8 +345,8 @@ def test_a_first_flight_from_the_ground_is_the_same_flight_between_take_off_and_
 def test_settings_without_take_off_are_what_they_were() -> None:
     ground, other = FLIGHT_RUNS["P6d"][1], FLIGHT_RUNS["P2"][1]
     assert replace(ground, from_ground=False) == other
-    assert ground.told == {**other.told, "from_ground": True}
-    assert "from_ground" not in other.told
+    assert ground.recorded == {**other.recorded, "from_ground": True}
+    assert "from_ground" not in other.recorded
 
 
 @pytest.mark.slow
