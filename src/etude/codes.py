@@ -66,6 +66,7 @@ class Refusal(StrEnum):
 
     NOT_COMPARED = "not_compared"
     NOT_DECIDED = "not_decided"
+    NOT_YET_BETTER = "not_yet_better"
     NOT_BETTER = "not_better"
     NOT_CALIBRATED = "not_calibrated"
     INTERVALS_MISS = "intervals_miss"
@@ -172,6 +173,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither model was "
     "trained on, {needed} are needed",
+    Refusal.NOT_YET_BETTER: "not yet better than {against}: errors {ratio:.3g} times as large (95 %: "
+    "{lower:.3g} to {upper:.3g}, {segments} segments), which more logs decide",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
     "{upper:.3g}, {segments} segments)",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
@@ -204,7 +207,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
     Phrase.NO_RULE: "no rule but the budget is switched on",
     NextStep.LOOK_AND_RESUME: "Look where the robot stands, unless it still runs; then: etude run "
-    "{folder:typed} --resume, with --on as before. Nothing is replayed.",
+    "{folder:typed} --on {driver:typed} --resume. Nothing is replayed.",
     NextStep.OF_CHECK: "{step}",
     NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log of a motion like those that "
     "the model is for.",

@@ -24,6 +24,8 @@ BRAKES = 0.2
 """s of braking, at constant deceleration, of a joint that gets no set-points any more."""
 LONGEST_BRAKING, STILL = 0.8, 2e-3
 """s from a stop to rest with what the feedback needs; rad/s or m/s that count as rest."""
+SETTLING = 1.0
+"""s from a pose to rest in the feedback."""
 LATE_CYCLES = 2.0
 """Set-points go on in time for so many cycles when the next one does not come."""
 LONGEST_STEP, SHORTEST_STEP = 1e-3, 2e-4
@@ -118,7 +120,7 @@ class Machine:
         self.place(settings.start or {})
 
     def place(self, pose: Mapping[str, float]) -> None:
-        """Begins at that pose, rad or m by joint; joints that it leaves out as `MachineSettings.start`."""
+        """Stands at that pose, rad or m by joint; joints that it leaves out as `MachineSettings.start`."""
         self._set_start(pose)
         self.t = 0.0
         self.asked = self.data.qpos[self._places].copy()
@@ -126,7 +128,10 @@ class Machine:
         self._reference = self.asked.copy(), self._zero, self._zero, self._zero
         self._age, self._follows = np.inf, True
         self._queue: deque[tuple[float, tuple[Array, Array, Array, Array]]] = deque()
-        for _ in range(int(1.0 / self.period)):  # it hangs in its feedback before anybody looks
+
+    def settle(self) -> None:
+        """Time passes until it hangs in its feedback, and its clock begins."""
+        for _ in range(int(SETTLING / self.period)):
             self.cycle()
         self.t = 0.0
 

@@ -87,7 +87,9 @@ class MujocoRobot:
         )
 
     def __enter__(self) -> Self:
-        if not self.settings.virtual:
+        if self.settings.virtual:
+            self._machine.settle()
+        else:
             self._link = _Link(self.joints, self.settings)
         return self
 
@@ -205,6 +207,7 @@ def _sample(row: Array, joints: int) -> Sample:
 def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket) -> None:
     """The robot's own process: a cycle in each period, until nobody is on the other end and it rests."""
     machine = Machine(joints, settings)
+    machine.settle()
     link.setblocking(False)
     show, shown = _viewer(machine) if settings.view else None, 0.0
     due, listens = time.monotonic(), True

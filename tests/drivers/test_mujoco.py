@@ -96,6 +96,20 @@ def test_a_robot_that_nobody_places_begins_at_home() -> None:
         assert where.asked[2] == pytest.approx(elbow)
 
 
+def test_it_settles_once_and_about_the_place_where_it_was_put(monkeypatch: pytest.MonkeyPatch) -> None:
+    cycles: list[float] = []
+    cycle = Machine.cycle
+    monkeypatch.setattr(Machine, "cycle", lambda own: (cycles.append(own.t), cycle(own))[1])
+    robot = find_driver(f"mujoco:{UR10},virtual", JOINTS, {}, home=dict.fromkeys(JOINTS, 0.3))
+    assert robot.about().joints == JOINTS
+    assert not cycles, "nobody has connected yet"
+    with robot:
+        sample = robot.where()
+    assert len(cycles) == 250, "a second"
+    assert sample.t == 0.0
+    assert np.abs(sample.q - 0.3).max() < 0.02
+
+
 def test_stiction_is_friction_that_speed_takes_away() -> None:
     """At speeds far below and far above that of Stribeck, through the pose where the arm hangs."""
 

@@ -255,6 +255,7 @@ def errors(
     """(J,) mean |q - set-point| while it moves, rad or m."""
     start = dict(zip(names, motion.q[0].tolist(), strict=True))
     machine = Machine(names, MachineSettings.of({**settings, "start": start}))
+    machine.settle()
     step = round(plant.RATE * machine.period)
     rows = [x[::step] for x in (motion.q, motion.qd, motion.qdd)]
     wait = round(LEAD / machine.period)

@@ -26,7 +26,7 @@ def face(room: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
 
 
 def loaded(room: str, name: str) -> Any:
-    """What a room offers by that name; AttributeError if it is none of `__all__`."""
+    """Object of a room by name. AttributeError: the name is not in `__all__`."""
     package = sys.modules[room]
     if name not in package.__all__:
         raise AttributeError(f"module {room!r} has no attribute {name!r}")

@@ -34,7 +34,7 @@ class Value:
     __array_ufunc__ = None  # so that array + Value is asked here
 
     def made(self, name: str, *inputs: Operand, **attributes: Any) -> Value:
-        """What that operator makes of the inputs."""
+        """Output of that operator applied to the inputs."""
         operands = [part.name if isinstance(part, Value) else part for part in inputs]
         return Value(self.graph, self.graph.op(name, *operands, **attributes))
 
@@ -84,11 +84,11 @@ class Value:
         return self.made("Min", self, other)
 
     def sum(self, axis: int) -> Value:
-        """Along an axis, which goes."""
+        """Sum along an axis, which is removed."""
         return self.made("ReduceSum", self, np.array([axis]), keepdims=0)
 
     def at(self, places: Sequence[int], axis: int = -1) -> Value:
-        """Those places of an axis, which stays."""
+        """Selected indices of an axis, which is kept."""
         return self.made("Gather", self, np.array(list(places)), axis=axis)
 
     def shaped(self, *sizes: int) -> Value:
@@ -123,7 +123,7 @@ class Piece:
 
 
 def joined(parts: Sequence[T], axis: int = -1) -> T:
-    """Arrays one behind the other."""
+    """Concatenation along an axis."""
     arrays: Sequence[Any] = parts
     if not isinstance(arrays[0], Value):
         return cast(T, np.concatenate(arrays, axis=axis))
@@ -146,7 +146,7 @@ def column(a: Operand, place: int) -> Operand:
 
 
 def picked(a: Operand, place: int) -> Operand:
-    """That place of the first axis, which goes."""
+    """Element of the first axis, which is removed."""
     return a.at([place], 0).sum(0) if isinstance(a, Value) else a[place]
 
 

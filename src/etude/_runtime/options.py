@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 from etude.errors import UsageError
 
 MODEL_HASH = "model_hash"
-"""Always among them: SHA-256 of the model's file, "" where it has none."""
+"""Option of every target: SHA-256 of the model's file, "" without a file."""
 WORDS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False, "": False}
-"""What may be written for a switch."""
+"""Texts of a switch."""
 T = TypeVar("T")
 
 
@@ -56,6 +56,6 @@ def _read(field: Field[Any], value: Any) -> Any:
 
 
 def _declared(field: Field[Any]) -> str:
-    """What was written behind the field's name, whether annotations are texts in its module or not."""
+    """Annotation of the field as text."""
     kind: Any = field.type
     return kind if isinstance(kind, str) else kind.__name__ if isinstance(kind, type) else str(kind)

@@ -56,14 +56,14 @@ def minimise(
     evaluations: int = 15000,
     bounds: Sequence[tuple[float, float]] | None = None,
 ) -> None:
-    """Asks `function` for value and gradient where L-BFGS-B looks; the caller remembers the best.
+    """Minimises with L-BFGS-B; `function` records its own best point.
 
     Args:
         function: (P,) -> its value and gradient (P,).
         start: (P,) where it begins.
         steps: iterations, at most.
-        corrections: steps that the curvature is taken from.
-        searched: evaluations along one direction, at most.
+        corrections: number of past steps in the curvature estimate.
+        searched: largest number of evaluations in one line search.
         evaluations: in all, after which no iteration begins.
         bounds: of each parameter, both of them finite; None: there are none.
     """

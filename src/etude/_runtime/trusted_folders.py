@@ -93,7 +93,7 @@ def require_trusted(named: Mapping[str, str], path: Path, folder: Path, identity
 
 
 def names_in(value: Any, place: str = "") -> dict[str, str]:
-    """Full name -> where it stands, of all texts in TOML's or JSON's values."""
+    """Full name -> key, of all texts in the values of TOML or JSON."""
     return dict(_walk_names(value, place))
 
 
@@ -114,7 +114,7 @@ def _entry(folder: Path, identity: str) -> dict[str, str]:
 
 
 def _source(name: str) -> str:
-    """Where the code lies; only its outermost package is looked for, and nothing is imported."""
+    """Path of the code's outermost package; nothing is imported."""
     package = name.partition(":")[0].partition(".")[0]
     try:
         spec = importlib.machinery.PathFinder.find_spec(package)

@@ -81,8 +81,8 @@ class Ask(Common):
             *(f"! {notice}" for notice in proposal.certificate.warnings),
             f"Trajectory {proposal.number}, {proposal.duration:g} s: {proposal.status}",
             *_renewed(proposal),
-            table(ROW, _rows([row for row in proposal.certificate.verified if row.upper < math.inf]), keys=2),
-            *_distances([row for row in proposal.certificate.verified if row.upper == math.inf]),
+            table(ROW, _rows([row for row in proposal.certificate.seen if row.upper < math.inf]), keys=2),
+            *_distances([row for row in proposal.certificate.seen if row.upper == math.inf]),
             *_swept_table(proposal.swept),
             *_control(proposal.certificate),
             f"Proved for all times{_sampled(proposal.certificate)}; {_ends(proposal.certificate)}.",
@@ -106,7 +106,7 @@ class Ask(Common):
             "files": files,
             "certified": proposal.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in proposal.exported},
-            "slack": _slack(proposal.certificate.verified),
+            "slack": _slack(proposal.certificate.seen),
             "way": [] if proposal.approach is None else [str(path) for path in proposal.approach.files],
             "renewed": _renewed(proposal),
             "to_confirm": to_confirm(campaign.spec),
@@ -153,7 +153,7 @@ class Ask(Common):
 
 
 def _swept_table(rows: Sequence[Swept]) -> list[str]:
-    """How much of where each joint can be the segments go through, and what stands in the way of more."""
+    """Table of the range that the segments cover on each axis, and of the limits on it."""
     if not rows:
         return []
     body = [[r.axis, f"{100 * r.of_range:.0f} %", f"{100 * r.of_clear:.0f} %", r.held] for r in rows]
@@ -173,20 +173,20 @@ def _next_steps(command: Ask) -> list[str]:
 
 
 def _renewed(proposal: Proposal) -> list[str]:
-    """Which files were written anew, and why."""
+    """Sentences on the files that were written anew, with the reasons."""
     sentences = [*proposal.renewed, *(() if proposal.approach is None else proposal.approach.renewed)]
     return [*sentences, *(sentence for one in proposal.exported for sentence in one.renewed)]
 
 
 def _unverified(proposal: Proposal) -> list[str]:
-    """What is not verified; the way is proved where it was asked for."""
+    """Sentences on what is not verified; without the approach if it was proved."""
     from etude.limits.certificate import APPROACH
 
     return [one for one in proposal.certificate.not_verified if proposal.approach is None or one != APPROACH]
 
 
 def _approach(approach: Approached) -> list[str]:
-    """The files to the start and back, and what is not in one file."""
+    """Lines on the files of approach and return."""
     pose = ", ".join(f"{axis} = {value:.4g}" for axis, value in approach.pose.items())
     lines = [f"From {pose} to the start and back, proved alike: {approach.folder}"]
     lines += [f"  {path}" for path in approach.files]
@@ -196,32 +196,32 @@ def _approach(approach: Approached) -> list[str]:
 
 
 def _to_confirm(spec: Any) -> list[str]:
-    """What was assumed of the robot and nobody has confirmed."""
+    """Lines on unconfirmed assumptions about the robot."""
     assumed = to_confirm(spec)
     head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
     return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
 
 
 def _control(certificate: Certificate) -> list[str]:
-    """What the margins of tracking are of."""
-    under = next((row.control for row in certificate.verified if row.control), "")
+    """Line on the control that the tracking margins apply to."""
+    under = next((row.control for row in certificate.seen if row.control), "")
     return [f"Tracking margins: under {under}."] if under else []
 
 
 def _has_assumed_margin(certificate: Certificate) -> bool:
-    """Whether a margin of tracking is somebody's word alone."""
-    return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.verified)
+    """Whether a tracking margin is assumed, without any log behind it."""
+    return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
 
 
 def _rows(rows: Sequence[Proof]) -> list[list[str]]:
-    """One line a row; where segments and links are proved by themselves, each says which it is of."""
+    """Cells of each row; rows with equal axis and quantity also name their part."""
     times = Counter((row.axis, row.quantity) for row in rows)
     parts = [row.where.partition(" at ")[0] if times[row.axis, row.quantity] > 1 else "" for row in rows]
     return [_row(row, part) for row, part in zip(rows, parts, strict=True)]
 
 
 def _row(row: Proof, part: str) -> list[str]:
-    """What is asked, what tracking may add, and the limit of both together."""
+    """Cells of one row: planned range, tracking margin and limit."""
     from etude.limits.certificate import tracked_in_words, utilization
 
     planned = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
@@ -231,7 +231,7 @@ def _row(row: Proof, part: str) -> list[str]:
 
 
 def _slack(rows: Sequence[Proof]) -> dict[str, float]:
-    """The least slack of each axis and quantity, by both names."""
+    """Least slack of each axis and quantity, by "axis quantity"."""
     from etude.limits.certificate import slack
 
     slacks: dict[str, float] = {}
@@ -242,13 +242,13 @@ def _slack(rows: Sequence[Proof]) -> dict[str, float]:
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:
-    """What has no upper end, as distances have none: the least ones, each quantity by itself."""
+    """Lines on quantities without an upper limit, such as distances; each quantity separately."""
     names = dict.fromkeys(row.quantity for row in rows)
     return [line for name in names for line in _least([row for row in rows if row.quantity == name])]
 
 
 def _least(rows: Sequence[Proof]) -> list[str]:
-    """Those of one quantity, the nearest one by one; the unit of an owner's own quantity is not known."""
+    """Lines on one such quantity: the rows nearest to their limits. Custom quantities have no known unit."""
     from etude.limits.certificate import place_of, utilization
 
     rows = sorted(rows, key=utilization, reverse=True)
@@ -265,13 +265,13 @@ def _least(rows: Sequence[Proof]) -> list[str]:
 
 
 def _sampled(certificate: Certificate) -> str:
-    """Of what was only looked at in samples: which, and how near these are."""
+    """Clause for each sampled quantity, with its method."""
     rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
     return "".join(f", except {quantity}: {method.split(';')[0]}" for quantity, method in rows.items())
 
 
 def _start_poses(campaign: Campaign) -> list[str]:
-    """Where else robots of this kind stand, from which a way can be had too: the ground."""
+    """Lines on further start poses of this kind of robot, such as the ground."""
     from etude.campaign.propose.approach import HOME, poses_of
 
     names = [name for name in poses_of(campaign) if name != HOME]
@@ -285,7 +285,7 @@ def _ends(certificate: Certificate) -> str:
 
 
 def _exported(one: ExportedMotion) -> list[str]:
-    """The files, and what is proved of what their receiver plays."""
+    """Lines on the exported files and the certificate of the motion that their receiver plays."""
     missing = [row for row in one.certificate.rows if row.status == "not verified"]
     but = (
         f"; not verified: {', '.join(row.quantity for row in missing)} ({missing[0].method})"

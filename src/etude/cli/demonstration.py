@@ -20,7 +20,7 @@ LEARNED = "feedback + Étude, {seconds:.0f} s of motion"
 
 @dataclass(frozen=True)
 class Show:
-    """What a demo shows of one kind of robot.
+    """Texts and baselines of a demo for one kind of robot.
 
     Attributes:
         robot: a built-in one that no simple model describes.
@@ -113,7 +113,7 @@ def run(
 
 
 def _show(robot: str, kind: str) -> Show:
-    """What is shown of that robot; the default demo takes robots of any kind."""
+    """Demo of that robot; the default demo accepts any kind."""
     robot_kind = find_robot(robot)[0].name
     if kind != next(iter(SHOWS)) and robot_kind != kind:
         raise UsageError(
@@ -131,7 +131,7 @@ def _new_folder() -> Path:
 
 
 def _baselines(campaign: Campaign, test: str) -> dict[str, float]:
-    """Newest error of each baseline on the test motion; an identified one knows all the data."""
+    """Newest error of each baseline on the test motion; identified baselines use all data so far."""
     return {
         run.baseline: summary(run.errors, len(campaign.axes))
         for _, run in campaign.state().evaluated

@@ -50,12 +50,12 @@ TOOLS: Mapping[str, str] = {
 EXTRAS_NOT_OF_USERS = ("test", "docs")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 ANSWER_S = 10.0
-"""A compiler that takes longer to say its version is not working."""
+"""A compiler that takes longer to print its version counts as broken."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at.
+    """Result of one check.
 
     Attributes:
         name: of it. light: "green", "yellow" (it is optional, and not there), "red" (Étude needs it).
@@ -73,12 +73,12 @@ class Check:
 
 
 def examined() -> list[Check]:
-    """Everything, what is needed first."""
+    """All checks, required ones first."""
     return [*versions(), *threads(), *places(), *compilers(), browser(), *extras()]
 
 
 def versions() -> list[Check]:
-    """Of Étude, Python and every library that it needs."""
+    """Versions of Étude, Python and every required library."""
     system = f"{platform.system()} {platform.machine()}"
     checks = [
         Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}"),
@@ -93,13 +93,13 @@ def versions() -> list[Check]:
 
 
 def _name() -> list[Check]:
-    """A red one where another distribution's files lie in the package."""
+    """A red check if another distribution has files in the package `etude`."""
     clash = conflict()
     return [Check("name", "red", f"{clash}. {OWN_ENVIRONMENT}")] if clash else []
 
 
 def threads() -> list[Check]:
-    """Cores, and the pools of the linear algebra."""
+    """Usable cores, and thread pools of BLAS."""
     import numpy as np
     import scipy.linalg  # noqa: F401 - brings a library of its own
     from threadpoolctl import threadpool_info
@@ -119,7 +119,7 @@ def threads() -> list[Check]:
 
 
 def places() -> list[Check]:
-    """Where campaigns and compiled code would be written."""
+    """Whether campaigns and compiled code can be written here."""
     here = Path.cwd()
     folder_check = Check("this folder", "green", f"can be written: {here}")
     if not _writable(here):
@@ -134,7 +134,7 @@ def places() -> list[Check]:
 
 
 def compilers() -> list[Check]:
-    """Of C, for what is exported."""
+    """C compilers, for exported models."""
     checks = []
     for tool, what in TOOLS.items():
         path = shutil.which(tool)
@@ -147,7 +147,7 @@ def compilers() -> list[Check]:
 
 
 def browser() -> Check:
-    """To open reports with."""
+    """Browser for reports."""
     there = next((name for name in BROWSERS if shutil.which(name)), "")
     if there or sys.platform in ("darwin", "win32"):
         return Check("browser", "green", there or "the system's")
@@ -155,7 +155,7 @@ def browser() -> Check:
 
 
 def extras() -> list[Check]:
-    """Each extra with the one line that installs it."""
+    """Each extra, with the command that installs it."""
     checks = []
     for extra in sorted(set(_metadata_lines("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
         missing = [
@@ -174,12 +174,12 @@ def extras() -> list[Check]:
 
 
 def _libraries(extra: str) -> list[str]:
-    """Libraries that the package asks for, of one extra or ("") always."""
+    """Libraries that the package requires: those of one extra; "": always."""
     return [_name_of(line) for line in _requirements(extra)]
 
 
 def _requirements(extra: str) -> list[str]:
-    """The same with their bounds, as pip takes them: "rosbags>=0.10.9"."""
+    """These libraries with version bounds for pip: "rosbags>=0.10.9"."""
     requirements = []
     for line in _metadata_lines("Requires-Dist"):
         match = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
@@ -220,7 +220,7 @@ def _version_of(path: str) -> str:
 
 
 def _writable(folder: Path) -> bool:
-    """Tried, since permissions do not tell of full or read-only disks."""
+    """Whether a file can be written; permissions would not reveal full or read-only disks."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             return True
@@ -229,7 +229,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _cache_folder() -> Path | None:
-    """Where numba keeps what it compiled, by its own rules: as given, beside the source, the user's."""
+    """Cache folder of numba, by its own rules: NUMBA_CACHE_DIR, beside the source, or the user's."""
     import etude
 
     beside = Path(etude.__file__).parent / "__pycache__"
@@ -255,13 +255,13 @@ class Plugins(Common):
 
 
 def _row(plugin: Plugin) -> tuple[str, str, str]:
-    """Name, what it names, and the package that brings it where that is another one."""
+    """Cells of a plug-in: name, object, and its package if that is another one."""
     source = "" if plugin.source == "etude" else f"({plugin.source})"
     return f"{plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, source
 
 
 def _columns(rows: Sequence[tuple[str, str, str]]) -> list[str]:
-    """The rows with their columns under each other."""
+    """Rows as lines with aligned columns."""
     first, second = (max((len(row[i]) for row in rows), default=0) for i in (0, 1))
     return [f"  {name:<{first}}  {target:<{second}}  {source}".rstrip() for name, target, source in rows]
 

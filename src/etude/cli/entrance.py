@@ -38,7 +38,7 @@ many that stay, and was looked through two hundred times; matrices are not in ci
 INTERRUPTED = 130
 """The exit code, as a shell gives it; 143 where somebody ended the process (SIGTERM)."""
 SIGNALS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-"""What ends a command, and what Python does with it unless told otherwise."""
+"""Signals that end a command, and Python's default handlers."""
 CURSOR = b"\r\x1b[K\x1b[?25h"
 """Clears the line of a progress bar, which is never finished now, and shows the cursor that it hid."""
 
@@ -77,7 +77,7 @@ def end_on_interrupt(message: str, line: Callable[[int], str] = lambda _: "") ->
 
 
 def ignore_from_now() -> None:
-    """All is done and printed: Ctrl-C while the interpreter packs up comes too late to change anything."""
+    """Ignores further signals: everything is printed, and the interpreter shuts down."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -103,7 +103,7 @@ def _say(screen: int, message: str, line: str) -> None:
 
 
 def _end_children() -> None:
-    """Workers of a study would wait for ever for the next piece of work."""
+    """Terminates child processes; workers of a study would wait for work forever."""
     processes = sys.modules.get("multiprocessing")
     if processes is not None:
         with contextlib.suppress(Exception):
@@ -156,7 +156,7 @@ def strangers() -> list[str]:
 
 
 def conflict() -> str:
-    """One sentence on who else installed a package `etude` here; "" if nobody did."""
+    """Sentence on other distributions that installed a package `etude` here; "" without any."""
     others = strangers()
     if not others:
         return ""
@@ -179,7 +179,7 @@ def _guarded(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return _report(as_json, "Interrupted", KEPT, "", "", INTERRUPTED)
     except BrokenPipeError:
-        # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
+        # the reader closed our output (`etude status lab | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -187,10 +187,10 @@ def _guarded(arguments: list[str]) -> int:
 
 
 def _report_unexpected(error: Exception, as_json: bool) -> int:
-    """Says who failed: a plug-in, the machine, or Étude with its traceback. Returns the exit code."""
+    """Reports an unexpected error of a plug-in, the machine or Étude. Returns the exit code."""
     if (details := _plugin_error(error)) is not None:
         return _report(as_json, "PluginError", *details, 2)
-    if isinstance(error, OSError):  # a file or folder: the machine's words help more
+    if isinstance(error, OSError):  # the system's message helps more than a traceback
         where = "" if error.filename is None else str(error.filename)
         fact = f"the machine refused: {error.strerror or error}"
         return _report(as_json, "MachineError", fact, where, MACHINE, 1)
@@ -242,7 +242,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _require_no_empty(arguments: Sequence[str]) -> None:
-    """UsageError: an argument is empty, which would name the folder that one is in; an option's may be."""
+    """UsageError: an argument is empty, which would mean the working folder; options may be empty."""
     for before, argument in zip(["", *arguments], arguments, strict=False):
         if not argument and not before.startswith("--"):
             raise UsageError(

@@ -54,7 +54,7 @@ class Init(Common):
     """Folders to look for meshes in first, with their package's name or without."""
 
     def trust_files(self) -> None:
-        """The robot's file is remembered once the campaign is made, which its folder is then, too."""
+        """Nothing: `run` trusts the robot's file and the folder once the campaign is made."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.create import RobotPart, create_campaign, trust_robot
@@ -89,7 +89,7 @@ class Init(Common):
         return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})
 
     def _limits(self) -> dict[str, dict[str, float]]:
-        """By joint or pattern, in place of the file's."""
+        """Limits by joint or pattern, which replace those of the robot's file."""
         limits: dict[str, dict[str, float]] = {}
         for joint, (low, high) in _ranges(self.range).items():
             limits[joint] = {"lower": low, "upper": high}
@@ -104,12 +104,12 @@ class Init(Common):
 
 
 def _split(entries: tuple[str, ...]) -> tuple[str, ...]:
-    """Words with commas between them are several."""
+    """Entries, separated by commas or given one by one."""
     return tuple(word for one in entries for word in one.split(",") if word)
 
 
 def _numbers(entries: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
-    """Numbers by joint of joint=number. UsageError, in the words of `form`, if one is no such thing."""
+    """Numbers by joint, from joint=number. UsageError: an entry is invalid; `form` has option and example."""
     from etude.errors import UsageError
 
     numbers, (option, expected, example) = {}, form
@@ -127,7 +127,7 @@ def _numbers(entries: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, 
 
 
 def _ranges(entries: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Ends by joint of joint=lower:upper. UsageError if one is no such thing."""
+    """Ranges by joint, from joint=lower:upper. UsageError: an entry is invalid."""
     from etude.errors import UsageError
 
     ranges = {}
@@ -146,7 +146,7 @@ def _ranges(entries: tuple[str, ...]) -> dict[str, tuple[float, float]]:
 
 
 def _axes_sentence(campaign: Campaign) -> str:
-    """What moves, and what is commanded where that is something else."""
+    """Sentence on the axes, and on the commands if they have other names."""
     axes, commands = campaign.axes, campaign.command.parts
     what = f"{len(axes)} axes ({', '.join(axes)})"
     return what if axes == commands else f"{what}; commands {', '.join(commands)}"

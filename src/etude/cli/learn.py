@@ -18,7 +18,7 @@ GROUP = "etude.engines"
 
 @dataclass(frozen=True)
 class LearnedFolder:
-    """What became of one campaign.
+    """Result for one campaign.
 
     Attributes:
         folder: its path. structure: in use now. problem: why it could not be learned; "" if it was.
@@ -60,7 +60,7 @@ class Learn(Common):
             raise UsageError("there is no campaign to learn", next_step="Name one or more folders.")
         paths = [str(folder.absolute()) for folder in self.folders]
         for folder in self.folders:
-            opened(folder)  # what is no campaign is told before anything is learned
+            opened(folder)  # every folder is checked before anything is learned
         outcomes = {}
         for one in self._learn(paths, say):
             outcomes[one.folder] = one
@@ -87,7 +87,7 @@ class Learn(Common):
 
 
 def learn_campaign(path: str) -> LearnedFolder:
-    """One campaign, learned where this is called; its errors are told, not raised."""
+    """Learns one campaign in this process; returns its errors instead of raising them."""
     from etude.campaign.training import learn_again
 
     try:
@@ -100,7 +100,7 @@ def learn_campaign(path: str) -> LearnedFolder:
 
 
 def _engine() -> Callable[..., Executor]:
-    """What opens processes or a cluster. UsageError: the package that brings it is not installed."""
+    """Executor of processes or of a cluster. UsageError: its package is not installed."""
     from etude import plugins
     from etude.cli.study import require_studies
 

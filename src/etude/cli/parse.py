@@ -63,13 +63,13 @@ AT_ONCE = ("UseAppendAction", "Positional")
 
 
 WORDS = {Path: "PATH", int: "N", float: "NUMBER", str: "NAME", bool: ""}
-"""What stands for a value of a type."""
+"""Metavar of each type."""
 SAYS_NOTHING = ("", "None", "False", "''", "()")
-"""Defaults that are not worth a reader's time: the option is simply not given."""
+"""Defaults that help texts leave out."""
 FRAME = re.compile(r"^[│|]|[│|]$|─{3,}|-{10,}")
-"""What is drawn of a box about a text."""
+"""Characters of a box around a text."""
 HINTS = "Perhaps you meant: ", "Arguments are applied to "
-"""With what tyro goes on where it knows what to do next."""
+"""Beginnings of tyro's hints."""
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
 
@@ -100,7 +100,7 @@ def _default(label: str) -> str:
 
 
 def _metavar(hint: Any) -> str:
-    """In a word what one writes: of `tuple[str, ...]` "NAME ...", of a Literal its words in braces."""
+    """Metavar of a type: "NAME ..." of `tuple[str, ...]`, the values in braces of a Literal."""
     if get_origin(hint) is Annotated:
         again = tyro.conf.UseAppendAction[int].__metadata__[0] in hint.__metadata__  # type: ignore[attr-defined]
         return _metavar(get_args(hint)[0]).removesuffix(" ..." if again else "\0")
@@ -114,7 +114,7 @@ def _metavar(hint: Any) -> str:
 
 
 def _field_texts(command: type) -> dict[str, str]:
-    """The string below each field of a class and its bases, its lines joined."""
+    """Docstring of each field of a class and its bases, on one line."""
     texts: dict[str, str] = {}
     for owner in reversed(command.__mro__[:-1]):
         body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
@@ -199,7 +199,7 @@ def command(arguments: Sequence[str]) -> Command:
 
 
 def _refused(box: str, prog: str) -> UsageError:
-    """What tyro says in a box is wrong with the arguments, as other errors are said."""
+    """UsageError with the text of tyro's error box."""
     # its title comes first; its frame is drawn only where the encoding has one
     drawn = [ESCAPE.sub("", row) for row in box.strip("\n").splitlines()[1:]]
     rows = [FRAME.sub("", row.strip()).strip() for row in drawn if row[:1] != "╰"]
@@ -216,7 +216,7 @@ def _refused(box: str, prog: str) -> UsageError:
 
 
 def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
-    """The arguments, those of an option of several words that stands twice as if it stood once, last.
+    """The arguments, with repeated options of several values merged into one at the end.
 
     argparse, and so tyro, would keep the words of the last one only and say nothing.
     """
@@ -239,7 +239,7 @@ def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str
 
 
 def _multiple_options(command: type) -> list[str]:
-    """Options of a command that take several words at once."""
+    """Options of a command that take several values at once."""
     options = []
     for name, hint in get_type_hints(command, include_extras=True).items():
         marks = getattr(hint, "__metadata__", ())

@@ -72,7 +72,7 @@ class RunRobot(Common):
 
     @contextmanager
     def _view(self, printer: _EventPrinter) -> Iterator[Seen]:
-        """Who shows the samples, if anybody is to."""
+        """Receiver of the samples: the view, or nothing without --view."""
         if not self.view:
             yield lambda _, __, ___: None
             return
@@ -157,7 +157,7 @@ class TerminalUser:
 
 @dataclass
 class _EventPrinter:
-    """What happens: lines of JSON on stdout, or a line of status a second for people."""
+    """Printer of events: lines of JSON on stdout, or one status line per second for people."""
 
     out: TextIO | None
     say: Say
@@ -186,7 +186,7 @@ def _report(campaign: Campaign, say: Say) -> str:
 
 
 def _draw_motion(campaign: Campaign, result: RunResult, say: Say) -> str:
-    """The page of the motion that a dry run would begin with; "" where there is none, or it says why."""
+    """Path of the page of a dry run's first motion; "" without a motion or without a drawing."""
     from etude.errors import UsageError
     from etude.report.space import write_view
 

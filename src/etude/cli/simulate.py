@@ -87,7 +87,7 @@ class Simulate(Common):
 
 
 def _next(folder: Path, state: State) -> str:
-    """What a person may do now."""
+    """Sentence on the next step."""
     if state.awaiting_answer:
         return f"Next: etude tell {typed(folder)} --changed new (or forget, or same)."
     if not state.trained:
@@ -96,7 +96,7 @@ def _next(folder: Path, state: State) -> str:
 
 
 def _confirmed(facts: Mapping[str, Any]) -> str:
-    """What both runs of the motion that confirms left."""
+    """Table of the errors of both runs of a confirmation motion."""
     from etude.campaign.record.confirmation import SHOWN, in_words
 
     none = [None] * len(facts["axes"])
@@ -114,7 +114,7 @@ def _learning(method: str) -> Adaptation:
 
 
 def _changes(entries: Sequence[str]) -> dict[str, float]:
-    """By name, of name=value. UsageError if one is not."""
+    """Values by name, from name=value. UsageError: an entry is invalid."""
     from etude.errors import UsageError
 
     changes = {}

@@ -45,7 +45,7 @@ class Status(Common):
 
 
 def _journal_lines(folder: Path) -> list[str]:
-    """What the journal says of a campaign that cannot be opened, as where a plug-in's package is missing."""
+    """Lines from the journal alone, for a campaign that cannot be opened, as without its plug-in."""
     from etude.campaign.evaluate.status import status_without_robot
 
     facts = status_without_robot(folder)
@@ -92,12 +92,12 @@ def _lines(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _problems(facts: Mapping[str, Any]) -> list[str]:
-    """Files that were damaged."""
+    """Lines on damaged files."""
     return [*(f"Problem: {one['sentence']}." for one in facts["problems"]), *[MEND] * bool(facts["problems"])]
 
 
 def _forecast(facts: Mapping[str, Any]) -> list[str]:
-    """What is claimed of motion that was not seen: nothing after one log, or after slow ones."""
+    """Line on the expected command error; unknown after one log, or after slow ones."""
     fraction, head = facts["forecast_fraction"], "Expected command error: "
     if facts["scored_log"] is None:
         return []
@@ -115,12 +115,12 @@ def _forecast(facts: Mapping[str, Any]) -> list[str]:
 
 
 def faults(rows: Sequence[Mapping[str, str]]) -> list[str]:
-    """What earlier versions left that is known to be unsafe, with what makes it again."""
+    """Lines on unsafe files of earlier versions, with the commands that replace them."""
     return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in rows]
 
 
 def _alerts(facts: Mapping[str, Any]) -> list[str]:
-    """What is bad, and what to do, before any figure."""
+    """Lines on alerts, with the next steps."""
     lights = {"red": "RED", "yellow": "Look"}
     return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in facts["alerts"]]
 
@@ -158,7 +158,7 @@ def _held_out(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _with_selected(facts: Mapping[str, Any], scores: Mapping[str, Any]) -> dict[str, Any]:
-    """Scores by structure, with a row of what is selected now; blocks alone may have selected another."""
+    """Scores by structure, with a row for the structures selected now, which later logs may have changed."""
     shown = {structure: values for structure, values in scores.items() if structure != MIXED}
     structures = facts["rungs"] or []
     if shown and len(set(structures)) > 1:
@@ -168,7 +168,7 @@ def _with_selected(facts: Mapping[str, Any], scores: Mapping[str, Any]) -> dict[
 
 
 def _new_motion(facts: Mapping[str, Any]) -> list[str]:
-    """Of logs left out: how well another motion will be predicted."""
+    """Lines on the scores of logs left out, which estimate the error on new motions."""
     scores = facts["new_motion"]
     if scores is None:
         return []
@@ -184,7 +184,7 @@ def _mixed(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _structure_lines(facts: Mapping[str, Any]) -> list[str]:
-    """After the first log: what each output's model is made of, where."""
+    """Lines on the structure of each output's model, after the first log."""
     structures = facts["rungs"]
     if not structures or facts["prequential"]:
         return []
@@ -232,7 +232,7 @@ def _deployed_model(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _confirmed(facts: Mapping[str, Any]) -> list[str]:
-    """Tracking errors of the motions that confirm, beside the forecast."""
+    """Tables of tracking errors on confirmation motions, with the forecast."""
     from etude.campaign.record.confirmation import SHOWN, in_words
 
     lines = []
@@ -252,7 +252,7 @@ def _confirmed(facts: Mapping[str, Any]) -> list[str]:
 def _at_rest_scores(
     facts: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]
 ) -> list[str]:
-    """The same with the samples of standing joints, if there were any."""
+    """The table with the samples of joints at rest, if there are any."""
     scores = {kind: values for kind, values in every.items() if values}
     if not scores or all(values == moving.get(kind) for kind, values in scores.items()):
         return []
@@ -260,7 +260,7 @@ def _at_rest_scores(
 
 
 def _in_use(facts: Mapping[str, Any]) -> str:
-    """The structure of all outputs, or of each."""
+    """Structure of all outputs, or one for each."""
     structures = facts["rungs"] or [facts["chosen"]]
     if len(set(structures)) == 1:
         return str(structures[0])
@@ -278,5 +278,5 @@ def _by_output(facts: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
 
 
 def _figure(value: float) -> str:
-    """Where a model is wrong by orders of magnitude, digits say nothing."""
+    """A score as text; above `LARGEST`, only a bound."""
     return f"{value:.4f}" if abs(value) < LARGEST else f"over {LARGEST:g}"

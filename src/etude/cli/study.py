@@ -125,7 +125,7 @@ def rooms() -> list[StudyRoom]:
 
 
 def _load_studies() -> dict[str, Any]:
-    """Every study that can be loaded; what is wrong with the others says `etude plugins`."""
+    """Studies that can be loaded; `etude plugins` lists the problems of the others."""
     studies = {}
     for name in _study_names("study"):
         with suppress(UsageError):
@@ -134,12 +134,12 @@ def _load_studies() -> dict[str, Any]:
 
 
 def room_of(id: str) -> StudyRoom | None:
-    """The study that knows this id."""
+    """The study that has this id."""
     return next((room for room in rooms() if room.knows(id)), None)
 
 
 def no_study(id: str) -> UsageError:
-    """What to say of an id that no study knows."""
+    """Error for an unknown id."""
     return next(
         (room.refuse(id) for room in rooms()),
         UsageError(f"there is no study {id!r}", next_step=f"Known: {', '.join(functions())}."),
@@ -275,7 +275,7 @@ def _listed() -> Outcome:
 
 
 def _short(text: str, room: int) -> str:
-    """As much of it as there is room for."""
+    """The text, cut to that width."""
     room = max(LEAST_WIDTH, room)
     return text if len(text) <= room else f"{text[: room - 3]}..."
 

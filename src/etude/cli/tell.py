@@ -111,7 +111,7 @@ def _lines(result: IngestResult) -> list[str]:
 
 
 def _awaiting_answer(result: IngestResult) -> list[str]:
-    """What is to be answered before the log is learned."""
+    """Lines on the findings that the user must answer before the log is learned."""
     if not result.awaits_answer:
         return []
     parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in result.findings if f.flag]
@@ -131,7 +131,7 @@ def _table(many: IngestedMany) -> list[str]:
 
 
 def _shared_sentences(many: IngestedMany) -> list[str]:
-    """What is to be known beside the outcomes: a sentence that several files share stands once."""
+    """Lines of further sentences; a sentence that several files share occurs once."""
     names: dict[str, list[str]] = {}
     for file in many.files:
         for sentence in _sentences(file):
@@ -147,7 +147,7 @@ def _sentences(file: IngestedFile) -> list[str]:
 
 
 def _first_names(names: list[str], most: int = 4) -> str:
-    """The names; of more than `most` the first ones, since the table above has all."""
+    """The first `most` names and the number of the others."""
     return ", ".join(names if len(names) <= most else [*names[:most], f"{len(names) - most} more"])
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 USUAL = 80
-"""Columns where nobody knows better: a pipe, a file."""
+"""Columns of pipes and files."""
 LEAST_WIDTH = 40  # columns: in fewer no table can be read
 COLOURS = (
     (re.compile(r"^(etude: |RED: |Problem: )"), "1;31"),
@@ -76,7 +76,7 @@ def _painted(line: str) -> str:
 
 
 PATIENCE_S = 2.0
-"""Commands that end before are not interrupted by any word of it."""
+"""s; shorter commands show no progress."""
 BETWEEN_S = 0.1  # between two repaints, which a person cannot tell apart
 WRONG = 2.0
 """Times the duration that was said last, above which a new line corrects it where there is no terminal."""
@@ -100,7 +100,7 @@ def progress_shown(silent: bool) -> Iterator[None]:
 
 @dataclass
 class Bar:
-    """What is shown; made when what is counted has taken `PATIENCE_S`."""
+    """Progress bar; shown after `PATIENCE_S`."""
 
     began: float | None = None
     shown: Progress | None = None
@@ -124,7 +124,7 @@ class Bar:
             sys.stderr.flush()
 
     def stop(self) -> None:
-        """Takes the bar away."""
+        """Removes the bar."""
         if self.shown is not None:
             self.shown.stop()
 
@@ -139,7 +139,7 @@ class Bar:
 
 
 def time_left(done: float, elapsed: float) -> str:
-    """As if the rest took as long as what is done: "about 40 s"."""
+    """Time left at the present rate: "about 40 s"."""
     seconds = elapsed * (1.0 - done) / done
     if seconds >= 5400.0:
         return f"about {seconds / 3600:.1f} h"

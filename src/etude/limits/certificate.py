@@ -190,14 +190,14 @@ class Certificate:
         return self.end_speed <= REST_TOLERANCE
 
     @property
-    def verified(self) -> tuple[Proof, ...]:
+    def seen(self) -> tuple[Proof, ...]:
         """The rows that were verified, whether met or not."""
         return tuple(row for row in self.rows if row.status != "not verified")
 
     @property
     def failed(self) -> tuple[Proof, ...]:
         """The rows whose limit is not met."""
-        return tuple(row for row in self.verified if not slack(row) >= 0.0)
+        return tuple(row for row in self.seen if not slack(row) >= 0.0)
 
     @property
     def ok(self) -> bool:
@@ -207,11 +207,11 @@ class Certificate:
     @property
     def worst(self) -> Proof:
         """The limit used most."""
-        return max(self.verified, key=utilization)
+        return max(self.seen, key=utilization)
 
     def active(self, tolerance: float = 0.01) -> tuple[tuple[str, str], ...]:
         """(axis, quantity) of every limit that is used to within `tolerance` of its half width."""
-        return tuple((row.axis, row.quantity) for row in self.verified if utilization(row) >= 1.0 - tolerance)
+        return tuple((row.axis, row.quantity) for row in self.seen if utilization(row) >= 1.0 - tolerance)
 
     def to_json(self) -> str:
         """The certificate as JSON text, see certificate.schema.json; null is an infinite end or no number."""

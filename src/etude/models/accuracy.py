@@ -227,7 +227,9 @@ class ErrorRatio:
             return "not decided"
         if self.upper < 1.0:
             return "better"
-        return "level" if self.upper <= LEVEL else "not better"
+        if self.upper <= LEVEL:
+            return "level"
+        return "not decided" if self.lower < 1.0 else "not better"
 
 
 def compared(against: str, errors: Array, other: Array) -> ErrorRatio:

@@ -299,7 +299,7 @@ class _Held:
 
 
 def _call_at(at: float, what: Callable[[], None]) -> Watch:
-    """Calls it once, at that place of the motion."""
+    """Watch that calls `what` once, at that time of the motion."""
     left = [what]
 
     def watch(sample: Sample) -> Reaction:
@@ -315,7 +315,7 @@ def _raise_error() -> None:
 
 
 def _sample_at(player: Player, t: float) -> Sample:
-    """What is measured at that time of the robot's clock; at once where that stands still."""
+    """Sample at that time of the robot's clock; at once if the clock is virtual."""
     about, sample = player.about(), player.where()
     while sample.t < t and not about.virtual:
         time.sleep(1.0 / about.rate)

@@ -260,7 +260,7 @@ def _reach(cone: Cone, centre: Array, direction: Array) -> float:
 
 
 def _slack(row: Proof) -> float:
-    """What is left between the proved interval and the limit, a row's less its margin; negative: not kept."""
+    """Distance of the proved interval from the limit; negative: the limit is violated."""
     return min(row.upper - row.proved_upper, row.proved_lower - row.lower)
 
 

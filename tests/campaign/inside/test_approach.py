@@ -164,6 +164,10 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
     assert [label for _, label, _ in barred.approach.pieces()] == ["approach", "approach"]
     assert barred.whole is not None
     assert len(barred.whole.pieces()) == 5
+    slow = AxisLimit("velocity", 1, ("x", "y"), -np.full(2, 0.016), np.full(2, 0.016))
+    slowed = there_and_back(motion, pose, approach, [limit(AxisLimit), slow], np.array([0.0, 0.8]))
+    assert slowed is not None
+    assert slowed.approach.duration == pytest.approx(32.0 * free.approach.duration)
     with pytest.raises(UnsafeTrajectoryError, match="'x' may reach 9"):
         there_and_back(motion, pose, approach, [limit(Barred)], np.array([0.0, -0.8]))
 

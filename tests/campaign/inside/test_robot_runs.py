@@ -21,15 +21,16 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab, moved
+from small_robot import make_campaign
 
 import etude
 from etude import cli, tell, untell
-from etude.campaign import Campaign, Trained, inspect, newest_model, open_campaign
+from etude.campaign import Campaign, Event, Trained, inspect, newest_model, open_campaign
 from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.ingest.robot_changed import answer
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
-from etude.campaign.run.campaign_run import connected
+from etude.campaign.run.campaign_run import MOST_AFTER_STOP, connected, learn
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points
@@ -44,7 +45,14 @@ from etude.drivers import (
     read_recording,
     write_recording,
 )
-from etude.errors import DataError, EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
+from etude.errors import (
+    DataError,
+    EtudeError,
+    RobotStopped,
+    StopRuleReached,
+    UnsafeTrajectoryError,
+    UsageError,
+)
 from etude.logs import read_log_file
 from etude.types import Array
 
@@ -336,6 +344,9 @@ def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Pat
     assert [r.number for r in campaign.state().proposals] == [1]
     steps = [fact for fact in facts(campaign, MotionEnded) if fact.part == "motion"]
     assert next_step(events(campaign), "feedback").speed < steps[-1].speed
+    way = replace(steps[1], part="approach", ended="stopped")
+    passed = [Event(fact) for fact in (steps[0], steps[0], way)]
+    assert [next_step(passed[:n], "feedback").speed for n in (1, 2, 3)] == [50, 100, 50]
     robot.blocked[:] = False
     moved(campaign, robot)
     sent = [fact for fact in facts(campaign, MotionSent) if fact.part == "approach"][-2:]
@@ -364,6 +375,7 @@ def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, 
     said = found.value.next_step
     assert ("command of knee was at its limit" in said) == (part == 1.0)
     assert "See to it, then: etude run" in said
+    assert f"limits, masses or home in robot.toml, and ask anew: etude ask {campaign.path} --new" in said
 
 
 def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
@@ -382,6 +394,27 @@ def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_p
     robot.blocked[:] = False
     moved(campaign, robot)
     assert [one.foreign for one in facts(campaign, Ingested)] == [True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("budget", "undecided", "motions"), [(20, 2, 3), (20, 9, 1 + MOST_AFTER_STOP), (1, 9, 1)]
+)
+def test_it_goes_on_after_the_stop_rule_while_the_model_is_undecided(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: int, undecided: int, motions: int
+) -> None:
+    campaign = make_campaign(tmp_path, config=f"{QUICK}[stop]\nbudget_trajectories = {budget}\n")
+
+    def fired(_: NextProposal) -> int:
+        learn(campaign, print)
+        raise StopRuleReached("the stop rule fired")
+
+    monkeypatch.setattr(NextProposal, "number", fired)
+    left = iter([True] * undecided)
+    monkeypatch.setattr("etude.campaign.run.campaign_run.is_undecided", lambda _: next(left, False))
+    found = moved(campaign, Robot(), rounds=0, promote=True)
+    assert len(found.rounds) == motions
+    assert found.why == "the stop rule fired"
 
 
 def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: Path) -> None:
@@ -513,7 +546,7 @@ def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Pat
     alert = etude.status(campaign)["alerts"][0]
     assert (alert["code"], alert["light"]) == ("motion_open", "red")
     assert "the robot may have moved" in alert["sentence"]
-    assert f"etude run {campaign.path} --resume" in alert["step"]
+    assert f"etude run {campaign.path} --on small --resume" in alert["step"]
     moved(campaign, elsewhere, resume=True)
     assert all(one["code"] != "motion_open" for one in etude.status(campaign)["alerts"])
     approach = facts(campaign, MotionSent)[1]

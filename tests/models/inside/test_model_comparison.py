@@ -31,14 +31,15 @@ def test_the_interval_is_students_t_of_the_mean_log_ratio() -> None:
     [
         ([0.5, 0.55, 0.45], "not decided"),
         ([0.5, 0.55, 0.45, 0.5], "better"),
-        ([0.5, 0.9, 0.3, 2.5], "not better"),
+        ([0.5, 0.9, 0.3, 2.5], "not decided"),
+        ([0.95, 1.5, 1.2, 1.9], "not decided"),
         ([1.0, 1.0, 1.0, 1.0], "level"),
         ([0.95, 1.05, 0.97, 1.0], "level"),
         ([1.2, 1.21, 1.2, 1.21], "not better"),
         ([], "not decided"),
     ],
 )
-def test_fewer_than_four_segments_decide_nothing(ratios: list[float], decision: str) -> None:
+def test_few_segments_and_an_interval_about_one_decide_nothing(ratios: list[float], decision: str) -> None:
     assert LEAST_SEGMENTS == 4
     assert compared("it", np.array(ratios)[:, None], np.ones((len(ratios), 1))).decision == decision
 

@@ -162,6 +162,22 @@ def _compare_models(
     )
 
 
+def is_undecided(campaign: Campaign) -> bool:
+    """Whether held-out motion decides neither for nor against the newest model, and more of it could.
+
+    Raises:
+        UsageError, DataError: as `promote`.
+    """
+    state = campaign.state()
+    if not state.trained:
+        return False
+    left_out = read_residuals(campaign.model_folder(state.trained[-1].number) / LEFT_OUT)
+    found = [_with_physics(left_out)]
+    if state.promoted:
+        found.append(_with_deployed_model(campaign, state, left_out))
+    return any(one.decision == "not decided" for one in found)
+
+
 def _with_physics(left_out: CrossValidationResiduals) -> ErrorRatio:
     segments = np.unique(left_out.group).tolist()
     both = (by_segment(e, left_out.group, segments) for e in (left_out.error, left_out.physics))
@@ -228,10 +244,12 @@ def _reasons(comparisons: Sequence[ErrorRatio]) -> list[Notice]:
     out = []
     for place, one in enumerate(comparisons):
         fields: dict[str, Any] = {"against": one.against, "segments": one.segments}
-        if one.decision == "not decided":
+        errors = {"ratio": one.ratio, "lower": one.lower, "upper": one.upper}
+        if one.segments < LEAST_SEGMENTS:
             out.append(Notice(Refusal.NOT_DECIDED, {**fields, "needed": LEAST_SEGMENTS}))
+        elif one.decision == "not decided":
+            out.append(Notice(Refusal.NOT_YET_BETTER, {**fields, **errors}))
         elif one.decision == "not better" or (place and one.decision == "level"):
-            errors = {"ratio": one.ratio, "lower": one.lower, "upper": one.upper}
             out.append(Notice(Refusal.NOT_BETTER, {**fields, **errors}))
     return out
 

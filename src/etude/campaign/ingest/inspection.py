@@ -27,7 +27,7 @@ from etude.campaign.record.stored_files import FULL
 from etude.errors import DataError, EtudeError
 from etude.logs.checks.exact import judge_numbers
 from etude.logs.checks.filtered_motion import Seen, seen
-from etude.logs.checks.plausibility import DELAY, judge_motion, mended
+from etude.logs.checks.plausibility import judge_motion, mended
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
@@ -269,7 +269,7 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     if any(f.light == "red" for f in found):
         later = "Ranges and commands are checked when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
-    found = _one_delay(found, _tried("commands", lambda: _commands(rows, known, motion)))
+    found += _tried("commands", lambda: _commands(rows, known, motion))
     clean, ranges = _ranges(rows, known, stated)
     own = _tried("robot", lambda: _own(clean, known))
     asked = any(f.flag or f.light == "red" for f in found)  # tell asks these first, and judges again
@@ -277,16 +277,6 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     if not is_recording(known.log):  # a recording of a run names its proposal itself
         found += _tried("proposal", lambda: _proposal(clean, known.campaign, known.log))
     return Inspected(rows, tuple(found))
-
-
-def _one_delay(motion: Sequence[Finding], commands: Sequence[Finding]) -> list[Finding]:
-    """Both lists without the less specific finding of a delay."""
-    noted = any(f.check == DELAY and f.light != "green" for f in commands)
-    far = not noted and any(f.check == DELAY for f in motion)
-    return [
-        *(f for f in motion if not (noted and f.check == DELAY)),
-        *(f for f in commands if not (far and f.check == DELAY)),
-    ]
 
 
 def _columns(log: Log, known: _KnownRobot) -> Finding:

@@ -94,8 +94,10 @@ def approached(
     return Approached(named, place, tuple(contents), certificates, paths.whole, renewed)
 
 
-SLOWER = (1.0, 2.0, 4.0, 8.0)
-"""Times of its own in which a way is tried: margins may leave little of a velocity limit."""
+SLOWER = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Times of its own in which a way is tried: margins may leave little of a velocity limit, and friction little
+of a command limit.
+"""
 
 
 @dataclass(frozen=True, eq=False)

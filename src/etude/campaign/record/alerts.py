@@ -46,7 +46,7 @@ def motion_open(state: State, folder: str | Path) -> tuple[Notice, ...]:
     if state.sent is None or not isinstance(state.sent.fact, MotionSent):
         return ()
     fields = {"part": state.sent.fact.part, "number": state.sent.number, "time": state.sent.time[:16]}
-    fields |= {"folder": str(folder)}
+    fields |= {"folder": str(folder), "driver": state.driver}
     return (Notice(Alert.MOTION_OPEN, fields, NextStep.LOOK_AND_RESUME, "red"),)
 
 

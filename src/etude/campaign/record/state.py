@@ -18,6 +18,7 @@ from etude.campaign.record.events import (
     Promoted,
     RobotMotion,
     RolledBack,
+    RunBegan,
     Trained,
     Untold,
 )
@@ -94,6 +95,7 @@ class State:
         evaluated: simulated test runs with the number of the tested model's round, oldest first.
         promoted: promotions in force with the number of the model's round; the deployed one last.
         sent: the motion of the robot that was sent last, if nothing says how it ended.
+        driver: of the last `etude run`, as it was named; "" before any.
         events: number of replayed events.
     """
 
@@ -102,6 +104,7 @@ class State:
     evaluated: tuple[tuple[int, Evaluated], ...] = ()
     promoted: tuple[tuple[int, Promoted], ...] = ()
     sent: Event | None = None
+    driver: str = ""
     events: int = 0
 
     @property
@@ -196,6 +199,8 @@ def _apply(state: State, event: Event) -> State:
             return replace(state, promoted=(*state.promoted, (number, fact)))
         case RolledBack():
             return replace(state, promoted=state.promoted[:-1])
+        case RunBegan() as fact:
+            return replace(state, driver=fact.driver)
         case RobotMotion() as fact:  # changes nothing that is known; its log does
             return replace(state, sent=event if isinstance(fact, MotionSent) else None)
     return state if event.number is None else _apply_to_round(state, event, event.number)

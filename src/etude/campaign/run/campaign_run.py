@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsAgreement
-from etude.campaign.deployment.promote import Promotion, promote
+from etude.campaign.deployment.promote import Promotion, is_undecided, promote
 from etude.campaign.evaluate.confirm import ask_to_confirm
+from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
 from etude.campaign.ingest.recordings import is_even
 from etude.campaign.ingest.tell import take, tell
 from etude.campaign.propose.ask import ask
@@ -55,6 +56,8 @@ WORD = "move"
 """What a person types before anything moves."""
 MOST_ROUNDS = 50
 """Of one command, whatever the stop rule says."""
+MOST_AFTER_STOP = 3
+"""Motions after the stop rule has fired, while held-out motion does not decide on the model."""
 LATE = 0.01
 """Part of the cycles of a motion that may come late without a word."""
 
@@ -319,6 +322,7 @@ class _Loop:
     say: Say
     rounds: list[RoundRun] = field(default_factory=list)
     approach: Trajectory | None = None  # to the first motion
+    after_stop: int = 0  # motions asked for since the stop rule has fired
 
     def first(self) -> tuple[CertifiedMotion | None, str]:
         """The motion that is run first, proved and accepted; None where the stop rule has fired, and why.
@@ -366,7 +370,20 @@ class _Loop:
     def _asked(self) -> int:
         """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
         control = "" if self.campaign.state().proposals else self.control
-        return ask(self.campaign, control=control, say=self.say).number
+        try:
+            return ask(self.campaign, control=control, say=self.say).number
+        except StopRuleReached as fired:
+            return self._after_stop(fired)
+
+    def _after_stop(self, fired: StopRuleReached) -> int:
+        """The number of one more proposal, if it may decide on the model; else raises `fired`."""
+        rule = judge(seen_by_the_rule(self.campaign, self.campaign.state()), self.campaign.config.stop).rule
+        wanted = self.options.promote and rule != "budget" and self.after_stop < MOST_AFTER_STOP
+        if not wanted or not is_undecided(self.campaign):
+            raise fired
+        self.after_stop += 1
+        self.say("Held-out motion does not decide yet whether the model is better: another motion.")
+        return ask(self.campaign, go_on=True, control=self._onward_control, say=self.say).number
 
     def _round(self, number: int, last: bool) -> tuple[int | None, str]:
         """One motion, its careful steps before it; the number of the next one, or None and why."""
@@ -386,11 +403,18 @@ class _Loop:
             if last:
                 learn(self.campaign, self.say)
                 return None, f"{len(self.rounds)} rounds are done"
-            return onward.number(), ""
+            return self._onward(onward), ""
         except StopRuleReached as fired:
             return None, fired.fact
         finally:
             onward.end()
+
+    def _onward(self, proposal: NextProposal) -> int:
+        """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
+        try:
+            return proposal.number()
+        except StopRuleReached as fired:
+            return self._after_stop(fired)
 
     @property
     def _onward_control(self) -> str:

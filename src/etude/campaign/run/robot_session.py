@@ -23,6 +23,7 @@ from etude.campaign.record.events import Figures, MotionEnded, MotionSent, Robot
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import jsonable
 from etude.campaign.run.certified_motions import CertifiedMotion, require_accepted
+from etude.campaign.run.run_history import slowest
 from etude.drivers import (
     About,
     Bounds,
@@ -249,11 +250,24 @@ class RobotSession:
                 where=where,
                 next_step=f"{does[0].upper()}{does[1:]}. {again}",
             )
-        weak = self._too_weak(result.recording)
-        raise RobotStopped(f"stopped: {why}", where=where, next_step=weak + again)
+        raise RobotStopped(
+            f"stopped: {why}", where=where, next_step=f"{again}{self._if_again(motion, result.recording)}"
+        )
+
+    def _if_again(self, motion: CertifiedMotion, recording: Recording) -> str:
+        """What to do if the next run stops there, too."""
+        weak = self._too_weak(recording)
+        slow = motion.speed == slowest(motion.control)
+        if not weak and not slow:
+            return ""
+        mend = "limits, masses or home" if slow else "its velocity and acceleration"
+        return (
+            f"{weak} If it stops there again with nothing in its way, correct {mend} in robot.toml, and ask "
+            f"anew: etude ask {typed(self.campaign.path)} --new."
+        )
 
     def _too_weak(self, recording: Recording) -> str:
-        """What to do about a command that was at its limit just before the end; "" if none was."""
+        """A sentence on a command that was at its limit just before the end; "" if none was."""
         by_joint = self.campaign.command.acts_on == self.campaign.kind.path  # a vehicle has other commands
         if recording.command is None or not by_joint:
             return ""
@@ -267,9 +281,8 @@ class RobotSession:
         if not used[:, joint].max() >= SATURATED:
             return ""
         return (
-            f"The command of {self.campaign.axes[joint]} was at its limit, {limit[joint]:.3g} "
-            f"{self.campaign.command.units[joint]}: if nothing was in its way, lower its velocity and "
-            f"acceleration in robot.toml, and ask anew: etude ask {typed(self.campaign.path)} --new. "
+            f" The command of {self.campaign.axes[joint]} was at its limit, {limit[joint]:.3g} "
+            f"{self.campaign.command.units[joint]}."
         )
 
 

@@ -32,16 +32,22 @@ class SpeedStep:
     first: bool
 
 
+def slowest(control: str) -> int:
+    """Per cent of the first beginning of a motion under that control."""
+    return CAREFUL.get(control, CAREFUL[FEEDBACK])[0]
+
+
 def next_step(events: Sequence[Event], control: str) -> SpeedStep:
-    """One step up after each motion that ended well, one down after each that was stopped; a whole motion at
-    full speed is the last step.
+    """One step up after each motion that ended well, one down after each that was stopped, on its way too; a
+    whole motion at full speed is the last step.
     """
     steps = [SpeedStep(speed, True) for speed in CAREFUL.get(control, CAREFUL[FEEDBACK])] + [
         SpeedStep(FULL, False)
     ]
     at = 0
-    for fact in _motions(events, control):
-        if fact.ended == Ended.DONE.value:
+    ended = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
+    for fact in (fact for fact in ended if fact.control == control):
+        if fact.part == "motion" and fact.ended == Ended.DONE.value:
             at = min(at + 1, len(steps) - 1)
         elif fact.ended in FAILED:
             at = max(at - 1, 0)

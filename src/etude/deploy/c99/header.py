@@ -49,7 +49,7 @@ def header(plan: Plan, form: CForm) -> str:
 
 
 def _usage(plan: Plan, form: CForm) -> str:
-    """What it is and how to call it: the first part of the comment."""
+    """First part of the comment: purpose and usage."""
     name, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
     return f"""\
@@ -78,7 +78,7 @@ def _usage(plan: Plan, form: CForm) -> str:
 
 
 def _describe_tables(plan: Plan, form: CForm) -> str:
-    """Inputs, commands and flags: the rest of the comment."""
+    """Second part of the comment: inputs, commands and flags."""
     upper = plan.name.upper()
     states, commands = parts_in_c(plan)
     return f"""\
@@ -144,7 +144,7 @@ enum {{
 
 
 def _state(plan: Plan) -> str:
-    """What is remembered, and the tables that a caller may look at."""
+    """State struct, public tables and initialisation."""
     name, upper = plan.name, plan.name.upper()
     memory = f"    {name}_real memory[{plan.memory}];\n" if plan.memory else ""
     return f"""\
@@ -215,7 +215,7 @@ unsigned {name}_predict({arguments});
 
 
 def _outside_note(plan: Plan, form: CForm) -> str:
-    """What becomes of commands outside."""
+    """Note on commands outside the training data."""
     if not form.fade:
         return "   commands are the mean given the data everywhere, whatever that is worth there."
     return "\n".join(f"   {line}" for line in wrap(_plain(outside_training_sentence(plan.model)), 100))

@@ -20,14 +20,14 @@ from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
 
 WIDENED = 0.5
-"""Without deviations: parts of the range trained on beyond which, at either end, an input is far outside."""
+"""Fraction of the training range by which an input must leave it to be far outside, without deviations."""
 UNBOUNDED = 1e6
-"""Of a state that the model's inputs are not made of, so that no range of it is known."""
+"""Bound of states that no model input uses, whose range is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A model taken apart.
+    """Parts of a model for export to C.
 
     Attributes:
         name: prefix in C. model, candidates: those in use. channels: what is read, in order.
@@ -86,13 +86,11 @@ class Plan:
 
     @property
     def averages(self) -> bool:
-        """Whether some command is an average over candidates, of which one alone would take less."""
+        """Whether some command is an average over several candidates."""
         return any(bool(((c.weights > 0.0) & (c.weights < 1.0)).any()) for c in self.candidates)
 
     def operations(self, variance: bool, fade: bool = False) -> int:
-        """Of real numbers in one call at worst; where commands fade it may ask twice, exactly the second
-        time.
-        """
+        """Worst-case number of operations in one call; with fading, a call may evaluate the model twice."""
         counts = [sum(pair) if variance else pair[0] for pair in (code.operations for code in self.codes)]
         return sum(counts) * (2 if fade else 1)
 
@@ -107,7 +105,7 @@ KEYWORDS = frozenset([*C.split(), *CPP.split()])
 
 
 def identifier(name: str) -> str:
-    """A name that C and C++ take: other characters than letters, digits and _ become _."""
+    """Valid identifier of C and C++: characters other than letters, digits and _ become _."""
     cleaned = re.sub(r"[^A-Za-z0-9_]", "_", name)
     if not re.match(r"[A-Za-z]", cleaned):
         cleaned = f"n{cleaned}" if cleaned.startswith("_") else f"n_{cleaned}"
@@ -115,7 +113,7 @@ def identifier(name: str) -> str:
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
-    """The same of several, no two alike: a number is added where they would be."""
+    """Distinct identifiers of several names: equal ones get a number."""
     unique: list[str] = []
     for name in names:
         candidate, number = identifier(name), 2
@@ -127,12 +125,12 @@ def identifiers(names: Sequence[str]) -> list[str]:
 
 
 def renamed(names: Sequence[str], c_names: Sequence[str]) -> list[str]:
-    """A line for each name that had to change."""
+    """A line for each name that was changed."""
     return [f"{old!r} is {new} in C" for old, new in zip(names, c_names, strict=True) if old != new]
 
 
 def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
-    """The model taken apart.
+    """The parts of the model for export to C.
 
     Raises:
         UsageError: a part of it has no C, named.
@@ -208,7 +206,7 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], name
 
 
 def process_code(candidate: Candidate, name: str) -> Code:
-    """C of a candidate's process. UsageError: a posterior or a kernel of it has none."""
+    """C code of a candidate's process. UsageError: a posterior or kernel cannot be written in C."""
     process = candidate.process
     assert process is not None
     try:

@@ -20,7 +20,7 @@ OF_NOISE = 0.1
 
 
 def float_tolerance(plan: Plan) -> float:
-    """What float may differ by, as a part of a command's limit: what its noise hides, and SINGLE at least."""
+    """Allowed deviation of float as a fraction of the limit: part of the noise, at least SINGLE."""
     noise = np.zeros(len(plan.limit))
     for candidate in plan.candidates:
         if candidate.process is None:
@@ -84,7 +84,7 @@ def golden_vectors(
 
 
 def expected_outputs(plan: Plan, states: Array, *, fade: bool = True) -> Golden:
-    """What the model says of states (T, N) in that order."""
+    """Outputs of the model at states (T, N), in that order."""
     model, log = plan.model, log_of(plan.channels, states, SOURCE)
     prediction = model.predict(log, fade=fade)
     instant = model.predict(dict(log.values), fade=fade).mean
@@ -171,7 +171,7 @@ int main(void)
 
 
 def _tables(prefix: str, form: CForm, vectors: Golden) -> str:
-    """States, and what the model says of them."""
+    """Tables of states and expected outputs."""
     outputs = {"mean": vectors.mean, "instant": vectors.instant, "gravity": vectors.gravity}
     outputs |= {"variance": vectors.variance} if form.deviations else {}
     tables = [_table("inputs", f"static const {prefix}_real", vectors.inputs, form.single)]

@@ -35,7 +35,7 @@ def _pointed(text: str) -> str:
 
 
 def table(name: str, values: Any, single: bool, kind: str = "static const") -> str:
-    """Its definition."""
+    """Definition of one table."""
     texts = numbers(values, single)
     word = "int" if np.asarray(values).dtype.kind in "iub" else "real"
     rows = [", ".join(texts[i : i + PER_LINE]) for i in range(0, len(texts), PER_LINE)]
@@ -44,7 +44,7 @@ def table(name: str, values: Any, single: bool, kind: str = "static const") -> s
 
 
 def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
-    """Definitions of all of them, equal ones as another name of the first; and their bytes."""
+    """Definitions of all tables, equal ones as aliases of the first; and their size in bytes."""
     names: dict[tuple[str, bytes], str] = {}
     text, size = [], 0
     for name, values in data.items():
@@ -63,12 +63,12 @@ def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
 
 
 def finite(data: Mapping[str, Any]) -> bool:
-    """Whether every number of them is one."""
+    """Whether all numbers are finite."""
     return all(bool(np.isfinite(np.asarray(values, dtype=float)).all()) for values in data.values())
 
 
 def source(plan: Plan, form: CForm) -> tuple[str, int]:
-    """NAME.c, and the bytes of its tables. NumericalError if a table holds what is no number."""
+    """NAME.c, and the bytes of its tables. NumericalError: a table has values that are not finite."""
     data: dict[str, Any] = {}
     for code in plan.codes:
         data |= code.data
@@ -112,7 +112,7 @@ enum {{RUN, INSTANT, STILL}};
 
 
 def preprocessed(text: str, conditions: Mapping[str, bool]) -> str:
-    """The text without the parts that `#if WORD`, `#else` and `#endif` leave out: compilers warn of those."""
+    """The text without the inactive parts of `#if WORD`, `#else` and `#endif`; compilers warn of them."""
     active: list[str] = []
     open_parts: list[bool] = []
     for line in text.splitlines():
@@ -129,7 +129,7 @@ def preprocessed(text: str, conditions: Mapping[str, bool]) -> str:
 
 
 def prelude(code: str) -> str:
-    """What prelude.c has of use to that code: a compiler warns of a function that nobody calls."""
+    """Functions of prelude.c that the code calls; compilers warn of unused ones."""
     text = resources.files("etude.deploy.c99").joinpath("prelude.c").read_text(encoding="utf-8")
     first, *functions = re.split(r"\n(?=/\* (?!What))", text)
     used = [f for f in functions if re.search(rf"\b{_name_of(f)}\(", code)]
@@ -225,7 +225,7 @@ def limits(plan: Plan) -> Any:
 
 
 def _variance_bounds(plan: Plan, k: int) -> list[str]:
-    """C that asks candidate k's process for no more than its share of that, noise at rest beside it."""
+    """C code that bounds the variances of candidate k by its share of `limits`, plus noise at rest."""
     candidate, most, lines = plan.candidates[k], limits(plan), []
     for i, (j, pairs) in enumerate(zip(candidate.commands, rests_of(candidate), strict=True)):
         factor = float(candidate.calibration[i] * candidate.units[1, i] ** 2)
@@ -233,12 +233,12 @@ def _variance_bounds(plan: Plan, k: int) -> list[str]:
         terms = [real(min(share, NEVER)), *(f"{real(s)} * x[{c}] * x[{c}]" for c, s in pairs)]
         lines.append(f"        spread{k}[{i}] = enough{k}[{i}] = {' + '.join(terms)};")
     unused = [i for i, weight in enumerate(candidate.weights) if not weight]
-    never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # nobody asks for these
+    never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # these variances are not used
     return [*never, "    if (!exact) {", *lines, "    }"]
 
 
 def _exact_variances(plan: Plan) -> list[str]:
-    """C that sums a variance to its end where a command is in doubt by an upper bound of it."""
+    """C code that computes exact variances for commands whose upper bound is not small enough."""
     lines = ["    {", "        int again = 0;"]
     for j, most in enumerate(limits(plan)):
         lines.append(
@@ -264,14 +264,14 @@ def _exact_variances(plan: Plan) -> list[str]:
 
 
 def _mark_bounded(plan: Plan, k: int) -> list[str]:
-    """C that notes which commands have a variance that may be an upper bound: no more than what is enough."""
+    """C code that marks the commands whose variance may be an upper bound."""
     commands = plan.candidates[k].commands
     lines = [f"        loose[{j}] |= spread{k}[{i}] <= enough{k}[{i}];" for i, j in enumerate(commands)]
     return ["    if (!exact) {", *lines, "    }"]
 
 
 def _noise(plan: Plan) -> list[str]:
-    """The part of the variance that is noise, at rest too; none where a command is not believed."""
+    """C code of the noise part of the variance; none for commands with a positive least variance."""
     lines, least = [], plan.model.least
     for candidate in plan.candidates:
         assert candidate.process is not None
@@ -344,7 +344,7 @@ def _functions(plan: Plan, form: CForm) -> str:
 
 
 def _widths(width: Array | None) -> str:
-    """C that widens variances as they are told; what is unknown is not widened."""
+    """C code that widens the returned variances; those of the flags stay as they are."""
     if width is None or bool((width == 1.0).all()):
         return ""
     lines = [f"        variance[{j}] *= {real(factor)};" for j, factor in enumerate(width.tolist())]

@@ -134,14 +134,14 @@ FEWER_POINTS = (
 
 
 def cheaper_options(plan: Plan, form: CForm) -> tuple[str, ...]:
-    """What takes less than this export, of what was not asked for yet."""
+    """Options that would make this export cheaper."""
     options = ["export --no-fade"] if form.fade and not form.variance else []
     options += ["export --single"] if plan.averages else []
     return (*options, f"learn with fewer points ({FEWER_POINTS})")
 
 
 def options_sentence(ways: Sequence[str]) -> str:
-    """A sentence of what may be done."""
+    """Sentence on these options."""
     text = ", or ".join(ways)
     return f"{text[0].upper()}{text[1:]}."
 
@@ -186,7 +186,7 @@ LONGEST_S = 300.0  # that a compiler may take for large tables
 
 @dataclass(frozen=True)
 class Built:
-    """The test's own words.
+    """Result of the build and of its test.
 
     Attributes:
         compiler: with which. deviation: largest, as a part of a command's limit. wrong: flags that differ.
@@ -332,7 +332,7 @@ def _names(plan: Plan) -> list[str]:
 
 
 def _outside(made: Files) -> str:
-    """What commands are where nothing was learned."""
+    """Sentence on the commands outside the training data."""
     if not made.form.fade:
         return BARE
     return f"Outside: {outside_training_sentence(made.plan.model)}"
@@ -362,7 +362,7 @@ def _time_in_words(made: Files) -> str:
 
 
 def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
-    """The worst case against the rate, and what would take less."""
+    """Sentences on the worst-case time against the rate, and on cheaper options."""
     if not rate:
         return []
     line, part = f"One call takes {_time_in_words(made)}", _call(made) * rate
@@ -375,7 +375,7 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
 
 
 def _what_takes_less(made: Files, model: LearnedModel, rate: float) -> list[str]:
-    """A sentence for each option that is left."""
+    """Sentence on the remaining options."""
     lines, best, form = [], single_member(model), made.form
     if made.plan.averages:
         alone = 1e6 * _seconds(best, form, form.fade)

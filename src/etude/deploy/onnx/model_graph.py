@@ -72,11 +72,11 @@ class Graph:
         return self.constants[key]
 
     def total(self, value: str, axis: int) -> str:
-        """The sum along an axis, which goes."""
+        """Sum along an axis, which is removed."""
         return Value(self, value).sum(axis).name
 
     def columns(self, value: str, which: Sequence[int]) -> str:
-        """Those columns of a table (n, D)."""
+        """Selected columns of a table (n, D)."""
         return Value(self, value).at(which, axis=1).name
 
     def model(
@@ -241,7 +241,7 @@ def _fold(graph: Graph, sign: str, values: Sequence[str]) -> str:
 
 
 def used_columns(process: Process) -> set[int]:
-    """Columns of the inputs that it looks at. UsageError where something in it has no operators."""
+    """Input columns that the process uses. UsageError: a part of it has no operators."""
     if isinstance(process, Silent):
         return used_columns(process.own) if process.grows and process.own is not None else set()
     if not isinstance(process, Posteriors):
@@ -258,7 +258,7 @@ def _columns(posterior: Any) -> set[int]:
 
 
 def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
-    """Of any process that `used_columns` accepts."""
+    """Mean and variance of any process that `used_columns` accepts."""
     if isinstance(process, Silent):
         return _silent(graph, x, process, variance)
     assert isinstance(process, Posteriors)
@@ -274,7 +274,7 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
 
 
 def _group_key(posterior: Any) -> Any:
-    """Those that are alike are asked at once: a kernel and as many points, or as many frequencies."""
+    """Key of posteriors that are evaluated together: equal kernel and number of points or frequencies."""
     if isinstance(posterior, SupportsOnnxMoments):
         return type(posterior), posterior.alike
     return posterior.kernel, _points(posterior).shape

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.logs.checks.filtered_motion import LEAST_ROWS, RATE, Seen
+from etude.logs.checks.filtered_motion import LEAST_ROWS, Seen
 from etude.logs.checks.finding_texts import named
-from etude.logs.cleaning.filters import LONGEST_LAG, command_lag, longest_stretch
+from etude.logs.cleaning.filters import longest_stretch
 from etude.logs.cleaning.smoothing import GAP_FACTOR, median_rate, resample, uniform_grid
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -256,9 +256,6 @@ def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:
 NOISY = 0.3  # deviation of the acceleration's noise over that of the acceleration
 THIRD = 20.0  # variance of the third difference of white noise
 STANDING, SMALL = 0.8, 0.2  # of the time; of the limits
-# s, s, and of the log; `logs.evidence` tells shorter delays, and knows friction that sticks
-LATE_S, LATEST_S, LATEST = 0.1, 1.0, 1.0 / 25.0
-SAME_CLOCK = "Log command and position with stamps of the same clock."
 
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
@@ -266,17 +263,9 @@ def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tu
     found = [_noise(log, path, motion)]
     if motion.moves.any():
         found.append(_rest(motion))
-    if not _commanded_elsewhere(log, path):
-        found += _delay(motion, path)
     if path.name in limits:
         found.append(_coverage(log, path, motion, limits))
     return tuple(found)
-
-
-def _commanded_elsewhere(log: Log, path: Channel) -> bool:
-    """Whether no command acts directly on these positions, as for a vehicle's motors."""
-    commands = [c for c in log.channels.values() if c.role == "command" and c.name in log]
-    return bool(commands) and all(c.acts_on != path.name for c in commands)
 
 
 def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
@@ -335,30 +324,3 @@ def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
     return Finding(
         "coverage", "yellow", said, "A model knows what it was shown: etude ask proposes the rest."
     )
-
-
-def _delay(motion: Seen, path: Channel) -> list[Finding]:
-    """Finding of a motion far behind the commands; `logs.evidence` covers delays of a few rows."""
-    own = np.flatnonzero(motion.moves)
-    if motion.command is None or not len(own):
-        return []
-    log = Log(np.asarray(motion.step * np.arange(len(motion.t)), dtype=np.float64), {}, {}, "seen")
-    parts = tuple(path.parts[j] for j in own)
-    commands: Array = motion.command[:, own]
-    log = log.put(Channel("command", parts, ("",) * len(own), "command"), commands)
-    for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
-        log = log.put(Channel(name, parts, ("",) * len(own)), values[:, own])
-    rubbing = np.tanh(motion.qd[:, own] / (0.05 * np.abs(motion.qd[:, own]).max(axis=0)))
-    log = log.put(Channel("rubbing", parts, ("",) * len(own)), rubbing)
-    states = ("q", "qd", "qdd", "rubbing")
-    lag = command_lag([log], states)
-    if lag >= LONGEST_LAG - motion.step:  # the optimum is at the edge: a longer delay, or none
-        longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
-        lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
-        if lag >= longest - motion.step:
-            return [Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")]
-    return [Finding("delay", "yellow", _behind(lag), SAME_CLOCK)] if lag >= LATE_S else []
-
-
-def _behind(lag: float) -> str:
-    return f"The motion is {1e3 * lag:.0f} ms behind the commands (to {500.0 / RATE:.0f} ms)."

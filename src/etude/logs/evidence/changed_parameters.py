@@ -17,7 +17,15 @@ import numpy as np
 from etude._runtime.scipy_parts import dpotrf, dtrsm
 from etude.abilities import SupportsVariations
 from etude.logs.checks.filtered_motion import states_of
-from etude.logs.evidence.likelihood import COULOMB, NEAR_FILE, VISCOUS, covariances, log_sum, regressors
+from etude.logs.evidence.likelihood import (
+    COULOMB,
+    GRADUAL,
+    NEAR_FILE,
+    VISCOUS,
+    covariances,
+    log_sum,
+    regressors,
+)
 from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Mask
@@ -66,7 +74,8 @@ class ChangeEvidence:
         size = command.std(axis=0)
         y = ((command - command.mean(axis=0)) / size)[:, :, None]
         states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
-        L, X = body.links(states)[..., 0][:, own, -(most or 0) :] / size[:, None], regressors(rows, own)
+        L = body.links(states)[..., 0][:, own, -(most or 0) :] / size[:, None]
+        X = regressors(rows, own, GRADUAL[-1])
         unit = _unit(rows.torque[:, own] / size, L)
         L = L * unit
         changed = np.concatenate([X[:, :, [VISCOUS, COULOMB]], L], axis=2)
@@ -93,6 +102,7 @@ class ChangeEvidence:
     def friction(self, change: int) -> tuple[Array, Array]:
         """(k,) each: log odds of other friction to the same, viscous one aside, and its factor."""
         mine, y, own, _ = self._columns(change)
+        mine = [i for i in mine if i not in GRADUAL]  # the factor is of Coulomb friction
         same, other = self._evidence(mine, y), self._evidence([*mine, own], y)
         columns, every = np.array([*mine, own]), np.arange(other.shape[1])
         A = self.products[..., columns[:, None], columns] + np.eye(len(columns))

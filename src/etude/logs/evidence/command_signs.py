@@ -94,7 +94,8 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return stepped.decision("silent", why="late" if clock is not None and clock.at_edge else "")
+        unknown = clock is not None and not clock.excludes_delays
+        return stepped.decision("silent", why="late" if unknown else "")
     found = found if found.logs else replace(found, logs=fresh)
     return replace(found, positions=_positions(found, stepped, path, body))
 

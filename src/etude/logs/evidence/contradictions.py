@@ -78,7 +78,7 @@ def _of_halves(log: Log, path: Channel, own: Index) -> Array:
 
 
 CONTRADICTS = "contradiction"
-LOADED, OTHER = 30.0, 45.0  # log odds of a load, and of other masses: right logs had 21 and 34
+LOADED, OTHER = 25.0, 30.0  # log odds of a load, and of other masses: right logs had 14 at most
 # of friction: a factor, log odds over the joints that have it, and their part; right logs had -31 % in a half
 FACTOR, RUBBED, MOST_RUB = 1.35, 40.0, 0.6
 
@@ -206,6 +206,7 @@ LOAD_CUTS = 16  # times at which a load may be taken up
 CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is silent
 PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
 GRIPS = float(np.log(0.01))  # that a load is taken up or put down in it
+TAKEN_UP = 6.0  # log odds of that: right logs had 4.9 at most, loads of 0.2 kg 6 to 130
 TURNS = 30.0  # log odds of a sign that turns: right logs had 17 at most, turned ones 38 to 480
 ROWS_APART = 0.2  # s, of rows of several logs
 MOST_OF = 0.8  # of what other masses gain, by a load: then it is a load
@@ -348,7 +349,7 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     evidence = ChangeEvidence.of(rows, own, path, body, after, heard, most=1)
     each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
     odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))
-    if odds < LIKELY:
+    if odds < TAKEN_UP:
         return None
     none = np.zeros(len(path.parts), dtype=np.bool_)
     return Change("load", none, _span(spans, each), odds, float(kg[each.argmax()]))
@@ -398,7 +399,8 @@ def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
         CONTRADICTS,
         "yellow",
         f"{fact} (odds e^{change.odds:.0f} to 1).",
-        f"Record again, or cut the log there and tell one part; {accepted(CONTRADICTS)}.",
+        f"Record again, or tell a file with the rows before {a:.3g} s or after {b:.3g} s alone; "
+        f"{accepted(CONTRADICTS)}.",
         flag=CONTRADICTS,
         spans=(change.span,),
         by=(*change.span, *np.flatnonzero(change.joints).astype(np.float64).tolist()),

@@ -111,9 +111,11 @@ class Clock:
         return None if alone is None else cls(logs, path, which, alone.without_turns, alone)
 
     @property
-    def at_edge(self) -> bool:
-        """Whether the likeliest delay may be longer."""
-        return at_edge_of(self.judged)
+    def excludes_delays(self) -> bool:
+        """Whether short delays explain the commands better than longer ones, whatever is likely before."""
+        total = delays(self.judged) + DELAY_PRIOR * np.abs(DELAYS)
+        short = np.abs(DELAYS) < LEAST_DELAY
+        return float(total[short].max() - total[~short].max()) >= LIKELY
 
     def in_step(self) -> list[Log]:
         """All logs, with the commands of these shifted where that is certain."""
@@ -122,7 +124,7 @@ class Clock:
 
     def decision(self) -> Decision | None:
         """A question on a long delay, or a note on one that is tried."""
-        far = far_delay(self.judged, self._shifted, self.which) if self.at_edge else None
+        far = far_delay(self.judged, self._shifted, self.which) if at_edge_of(self.judged) else None
         return far or late(self.judged, self.whole, self.which)
 
     def _shifted(self, late: float) -> JointEvidence:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are lo
 STEP = 0.01  # rad or m: of differences
 ASKED = 0.05  # rad or m: an offset from which the log is questioned
 ZERO, REVERSED = "zero", "reversed"
+SAME, SMALLEST = 1e-6, 1e-300  # of a column: what another one leaves of it; of its length
 COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
 
 
@@ -151,15 +153,34 @@ class FileFit:
         return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
 
     def _left_of(self, j: int, torque: Array) -> float:
-        y = self.rows.command[:, j, AS_LOGGED]
-        return _left(self._own_columns(j, torque), y) / (len(y) * float(y.var()))
+        command, F = self.rows.command[:, j, AS_LOGGED], self._direction(j, torque)
+        y = self._rest(j, command)
+        return float(((y - F * (F @ y)) ** 2).mean() / command.var())
 
-    def _own_columns(self, j: int, torque: Array) -> Array:
-        """(n, 5) what only command j has: a constant, a factor of the torque (n,), inertia and friction."""
-        rows = self.rows
-        return np.column_stack(
-            [np.ones_like(torque), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
-        )
+    @cached_property
+    def _own(self) -> dict[int, Array]:
+        """By joint, an orthonormal basis (n, p) of what only its command has: a constant, inertia, friction.
+
+        Friction in all forms: where it turns round over a distance, or holds a joint that stands, it looks
+        like a weight.
+        """
+        rows, found = self.rows, {}
+        for j in self.own.tolist():
+            friction = [rows.friction[:, j], rows.drop[:, j], rows.gradual[:, j], rows.stands[j]]
+            X = np.column_stack([np.ones(len(rows.t)), rows.qdd[:, j], rows.qd[:, j], *friction])
+            U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), SMALLEST), full_matrices=False)
+            found[j] = U[:, s > SAME * s[0]]
+        return found
+
+    def _rest(self, j: int, values: Array) -> Array:
+        """Values (n, ...) less what only command j has."""
+        return np.asarray(values - self._own[j] @ (self._own[j].T @ values))
+
+    def _direction(self, j: int, torque: Array) -> Array:
+        """(n,) of unit length: a torque (n,) less what only command j has; 0 where nothing is left."""
+        left = self._rest(j, torque)
+        size = float(np.linalg.norm(left))
+        return left / size if size > SAME * float(np.linalg.norm(torque)) else np.zeros_like(left)
 
     def score(self, torque: Array) -> float:
         """Log likelihood of a torque (n, k) of the file, of independent rows."""
@@ -189,11 +210,9 @@ class FileFit:
 
     def _without_own(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
         """Command and columns in deviations of the command, less what is the joint's own."""
-        y = self.rows.command[:, j, AS_LOGGED]
-        Q, R = np.linalg.qr(self._own_columns(j, torque))
-        Q = Q[:, np.abs(np.diag(R)) > 1e-9 * np.abs(np.diag(R)).max()]
-        y, columns = y / y.std(), columns / y.std()
-        return y - Q @ (Q.T @ y), columns - Q @ (Q.T @ columns)
+        command = self.rows.command[:, j, AS_LOGGED]
+        y, X, F = self._rest(j, command), self._rest(j, columns), self._direction(j, torque)
+        return (y - F * (F @ y)) / command.std(), (X - np.outer(F, F @ X)) / command.std()
 
 
 def zero_of(fit: FileFit) -> Zero | None:
@@ -280,13 +299,6 @@ def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> b
     return bool(np.linalg.norm(gravity) > HELD * EARTH and left.sum() < LEFT * before.sum())
 
 
-def _left(X: Array, y: Array) -> float:
-    """Squares of y (n,) that columns X (n, p) leave."""
-    size = np.linalg.norm(X, axis=0)
-    X = X[:, size > 0.0] / size[size > 0.0]
-    return float(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).sum())
-
-
 def _slope(fit: FileFit, i: int) -> Array:
     """(n, k) what commands change by, for each rad that position i reads too much."""
     step = STEP * (np.arange(fit.rows.q.shape[1]) == i)
@@ -312,15 +324,12 @@ def positions_odds(
     same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
     """
     back = np.argsort(columns)
-    moved = [part[:, back] * signs[back] for part in (rows.q, rows.qd, rows.qdd, rows.friction)]
+    moved = rows.with_joints(back, signs[back])
+    ordered = replace(rows, command=rows.command[:, columns] * signs[:, None])
     scores = []
-    for (q, qd, qdd, friction), command in (
-        (moved, rows.command),
-        ((rows.q, rows.qd, rows.qdd, rows.friction), rows.command[:, columns] * signs[:, None]),
-    ):
-        torque = body.predict(states_of(rows.t, path, q, qd, qdd))
-        tried = replace(rows, q=q, qd=qd, qdd=qdd, friction=friction, command=command, torque=torque)
-        scores.append(FileFit(tried, own, path, body).score(torque))
+    for tried in (moved, ordered):
+        torque = body.predict(states_of(rows.t, path, tried.q, tried.qd, tried.qdd))
+        scores.append(FileFit(replace(tried, torque=torque), own, path, body).score(torque))
     return scores[0] - scores[1]
 
 

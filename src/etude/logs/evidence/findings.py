@@ -66,9 +66,7 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
     delay = Finding(DELAY, "green", step)
     if decision.why == "late":
-        fact = (
-            "How far the commands are before or behind the motion cannot be told: it may be more than 0.1 s."
-        )
+        fact = "Whether the commands are before or behind the motion cannot be told: a delay fits as well."
         delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
     return [delay, *_order_stands(decision, parts), signs]
 

@@ -32,8 +32,7 @@ class Decision:
         told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
         moving, strange: (k,) joints that have a say, and those that no sign explains.
         why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
-            runs backwards, another "order". "late" of a silent one whose commands fit best with the longest
-            delay.
+            runs backwards, another "order". "late" of a silent one whose commands may be late.
         positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
             no model file tells.
     """

@@ -94,6 +94,14 @@ class FilteredRows:
             some[name] = None if known is None else known[which]
         return replace(self, stands=tuple(one[which] for one in self.stands), **some)
 
+    def with_joints(self, order: Index, signs: Array) -> FilteredRows:
+        """The same with the positions of other joints (k,), with signs (k,), under the same commands."""
+        names = ("q", "qd", "qdd", "friction", "drop")
+        moved = {name: getattr(self, name)[:, order] * signs for name in names}
+        gradual, stands = self.gradual[:, order] * signs[:, None], tuple(self.stands[j] for j in order)
+        turning = self.turning[:, order]
+        return replace(self, gradual=gradual, stands=stands, turning=turning, **moved)
+
     def without_turns(self) -> FilteredRows:
         """The same where any command may hold a joint that turns round: its friction says nothing there, nor
         beside it, as far as the filter of the commands carries it.
