@@ -40,9 +40,9 @@ class ChangeEvidence:
     """What is known of c changes on n rows; k joints `own`, p links.
 
     Attributes:
-        products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments, the
-            command, and of each change qd, friction and the links. half: (h, k) half the log determinant of
-            the covariance.
+        products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
+            the command, and of each change qd, friction and the links. half: (h, k) half the log determinant
+            of the covariance.
         unit: (p,) kg of the columns of links. heard: (c, k) joints that have a say of each change.
     """
 
