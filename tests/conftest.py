@@ -1,13 +1,28 @@
 """Marker `thinned`: of the cases of one law some run every day, and all of them with the slow tests at night.
 
-`@pytest.mark.thinned` leaves as many as meet each value of each parameter, `thinned(3)` every third.
+`@pytest.mark.thinned` leaves as many as meet each value of each parameter, `thinned(3)` every third. A log
+that many tests tell is judged once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
+from judged_once import once
 from thinning import daily
+
+
+@pytest.fixture(scope="session", autouse=True)
+def judged_once() -> Iterator[None]:
+    """Campaigns look the functions up when they judge a log."""
+    from etude.logs.evidence import command_signs, contradictions
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command_signs, "judge", once(command_signs.judge))
+        patch.setattr(contradictions, "change_within", once(contradictions.change_within))
+        yield
 
 
 @pytest.hookimpl(tryfirst=True)  # before those that deselect

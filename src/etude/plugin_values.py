@@ -117,7 +117,7 @@ def _value(guard: _Guarded, member: str) -> Any:
     if not declared.is_method:
         return _checked(guard, member, value, {})
     if not callable(value):
-        raise _wrong(guard, member, f"{_short(value)}, not a method")
+        raise _error(guard, member, f"{_as_text(value)}, not a method")
     return _called(guard, member)
 
 
@@ -135,10 +135,10 @@ def _checked(guard: _Guarded, member: str, value: Any, sizes: Sizes) -> Any:
     try:
         return conform(value, guard._declarations[member].hint, sizes, guard._name)
     except WrongValueError as wrong:
-        raise _wrong(guard, member, str(wrong)) from None
+        raise _error(guard, member, str(wrong)) from None
 
 
-def _wrong(guard: _Guarded, member: str, what: str) -> UsageError:
+def _error(guard: _Guarded, member: str, what: str) -> UsageError:
     declared = guard._declarations[member]
     verb = "returned" if declared.is_method and "not a method" not in what else "is"
     who = f"the {WORDS.get(guard._part, 'plug-in')} {guard._name}"
@@ -193,13 +193,13 @@ def conform(value: Any, hint: Any, sizes: Sizes, name: str = "") -> Any:
     if origin in (Union, types.UnionType):
         return _one_of(value, inner, sizes, name)
     if origin is Literal:
-        return _must(value, value in inner, f"not one of {', '.join(map(str, inner))}")
+        return _require(value, value in inner, f"not one of {', '.join(map(str, inner))}")
     if origin is np.ndarray:
         return _array(value, inner)
     if origin is type or hint is type:
-        return _must(value, isinstance(value, type), "not a class")
+        return _require(value, isinstance(value, type), "not a class")
     if origin is collections.abc.Callable:
-        return _must(value, callable(value), "not callable")
+        return _require(value, callable(value), "not callable")
     if origin is tuple or (isinstance(origin, type) and issubclass(origin, collections.abc.Sequence)):
         return _sequence(value, origin, inner, sizes, name)
     if isinstance(origin, type) and issubclass(origin, collections.abc.Mapping):
@@ -214,13 +214,13 @@ def _annotated(value: Any, hint: Any, notes: Sequence[Any], sizes: Sizes, name: 
         if isinstance(note, type):
             _has_members(value, note)
         elif note == NOT_EMPTY:
-            _must(value, len(value) > 0, "nothing: at least one is needed")
+            _require(value, len(value) > 0, "nothing: at least one is needed")
         elif note.startswith(KEYS):
             missing = [key for key in note.removeprefix(KEYS).split(", ") if key not in value]
-            _must(value, not missing, f"without {', '.join(missing)}")
+            _require(value, not missing, f"without {', '.join(missing)}")
         elif note.startswith("("):
             _of_shape(value, note, sizes)
-            _must(value, "NaN" in notes or bool(np.isfinite(value).all()), "not finite")
+            _require(value, "NaN" in notes or bool(np.isfinite(value).all()), "not finite")
     return value
 
 
@@ -230,7 +230,7 @@ def _of_shape(value: Any, shape: str, sizes: Sizes) -> None:
     actual = np.shape(value)
     fits = len(actual) == len(expected) and all(w in (None, n) for w, n in zip(expected, actual, strict=True))
     known_sizes = "".join(f", {letter} = {sizes[letter]}" for letter in letters if letter in sizes)
-    _must(value, fits, f"not of shape {shape}{known_sizes}")
+    _require(value, fits, f"not of shape {shape}{known_sizes}")
 
 
 def _one_of(value: Any, hints: Sequence[Any], sizes: Sizes, name: str) -> Any:
@@ -251,16 +251,16 @@ def _array(value: Any, inner: Sequence[Any]) -> Any:
             array = np.asarray(value)
             if array.dtype.kind in "iufb":
                 return value if array is value else array.astype(dtype)
-    raise WrongValueError(f"{_short(value)}, not an array of numbers")
+    raise WrongValueError(f"{_as_text(value)}, not an array of numbers")
 
 
 def _sequence(value: Any, origin: type, inner: Sequence[Any], sizes: Sizes, name: str) -> Any:
     kind = tuple if origin is tuple else collections.abc.Sequence
     is_sequence = isinstance(value, kind | list) and not isinstance(value, str | bytes)
-    _must(value, is_sequence, f"not a {kind.__name__.lower()}")
+    _require(value, is_sequence, f"not a {kind.__name__.lower()}")
     many = origin is not tuple or (len(inner) == 2 and inner[1] is Ellipsis)
     hints = [inner[0]] * len(value) if many else list(inner)
-    _must(value, len(hints) == len(value), f"not {len(hints)} values")
+    _require(value, len(hints) == len(value), f"not {len(hints)} values")
     items = [
         _inside(one, hint, sizes, name, i) for i, (one, hint) in enumerate(zip(value, hints, strict=True))
     ]
@@ -269,7 +269,7 @@ def _sequence(value: Any, origin: type, inner: Sequence[Any], sizes: Sizes, name
 
 
 def _mapping(value: Any, inner: Sequence[Any], sizes: Sizes, name: str) -> Any:
-    _must(value, isinstance(value, collections.abc.Mapping), "not a mapping")
+    _require(value, isinstance(value, collections.abc.Mapping), "not a mapping")
     entries = {}
     for key, one in value.items():
         conform(key, inner[0], sizes, name)
@@ -281,13 +281,13 @@ def _inside(value: Any, hint: Any, sizes: Sizes, name: str, key: Any) -> Any:
     try:
         return conform(value, hint, sizes, name)
     except WrongValueError as wrong:
-        raise WrongValueError(f"{wrong} (at {_short(key)})") from None
+        raise WrongValueError(f"{wrong} (at {_as_text(key)})") from None
 
 
 def _single(value: Any, hint: Any, sizes: Sizes, name: str) -> Any:
     """Of a plain class: a number, a text, one of our dataclasses, or a protocol's members."""
     if hint is None or hint is type(None):
-        return _must(value, value is None, "not None")
+        return _require(value, value is None, "not None")
     if not isinstance(hint, type):
         return value
     if getattr(hint, "_is_protocol", False):
@@ -296,8 +296,8 @@ def _single(value: Any, hint: Any, sizes: Sizes, name: str) -> Any:
         return guarded(value, "Limit", name) if limit and not isinstance(value, _Guarded) else value
     if hint is bool or hint is int or hint is float:
         no_flag = hint is bool or not isinstance(value, bool)
-        return _must(value, isinstance(value, NUMBERS[hint]) and no_flag, f"not {_type_text(hint)}")
-    _must(value, isinstance(value, hint), f"not {_type_text(hint)}")
+        return _require(value, isinstance(value, NUMBERS[hint]) and no_flag, f"not {_type_text(hint)}")
+    _require(value, isinstance(value, hint), f"not {_type_text(hint)}")
     if dataclasses.is_dataclass(hint):
         for field, field_type in _fields(hint):
             try:
@@ -322,12 +322,12 @@ def is_own(value: Any) -> bool:
 def _has_members(value: Any, protocol: type) -> None:
     missing = [member for member in members(protocol) if not hasattr(value, member)]
     if missing:
-        raise WrongValueError(f"{_short(value)}, without the {', '.join(missing)} of a {protocol.__name__}")
+        raise WrongValueError(f"{_as_text(value)}, without the {', '.join(missing)} of a {protocol.__name__}")
 
 
-def _must(value: Any, holds: bool, fault: str) -> Any:
+def _require(value: Any, holds: bool, fault: str) -> Any:
     if not holds:
-        raise WrongValueError(f"{_short(value)}, {fault}")
+        raise WrongValueError(f"{_as_text(value)}, {fault}")
     return value
 
 
@@ -337,7 +337,7 @@ def _type_text(kind: type) -> str:
     )
 
 
-def _short(value: Any) -> str:
+def _as_text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     text = " ".join(repr(value).split())

@@ -408,7 +408,7 @@ def _imported(plugin: Plugin) -> Any:
         raise UsageError(
             f"{plugin.name!r} of {plugin.group} cannot be loaded: {reason}",
             where=f"{plugin.target} ({plugin.source})",
-            next_step=_mending(module, error),
+            next_step=_advice(module, error),
         ) from error
     _failures.pop(plugin.target, None)
     _note_place(module, plugin.target)
@@ -425,7 +425,7 @@ def _note_place(module: str, target: str) -> None:
         _places[place] = target
 
 
-def _mending(module: str, error: BaseException) -> str:
+def _advice(module: str, error: BaseException) -> str:
     """Next step after a failed import. Python does not find a file beside the campaign without PYTHONPATH."""
     if isinstance(error, ModuleNotFoundError) and module.split(".")[0] == error.name:
         return f"Install it, or name the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."

@@ -18,7 +18,7 @@ Tell = Callable[[float], None]
 
 @dataclass
 class _Watch:
-    """Who is told, what is done of all, and how much of all the part at hand is."""
+    """The listener, the finished fraction, and the fraction of the current part."""
 
     tell: Tell
     done: float = 0.0

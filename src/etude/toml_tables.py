@@ -71,7 +71,7 @@ def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
     refuse_unknown(table, names, where)
     types = types_of(kind)
     values = {key: converted(types[key], value, key, where) for key, value in table.items()}
-    return _made(kind, {**{name: getattr(start, name) for name in names}, **values}, where)
+    return _construct(kind, {**{name: getattr(start, name) for name in names}, **values}, where)
 
 
 def from_table(kind: type[T], table: Any, where: str) -> T:
@@ -95,7 +95,7 @@ def from_table(kind: type[T], table: Any, where: str) -> T:
         for field in fields
         if field.name in table
     }
-    return _made(kind, values, where)
+    return _construct(kind, values, where)
 
 
 def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> None:
@@ -135,8 +135,8 @@ def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:
     comments: sentences on top, for instance what a person should confirm.
     """
     lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
-    lines += [f"{name} = {_in_lines(item)}" for name, item in _stated(value) if not _is_table(item)]
-    for name, item in _stated(value):
+    lines += [f"{name} = {_in_lines(item)}" for name, item in _without_defaults(value) if not _is_table(item)]
+    for name, item in _without_defaults(value):
         if _is_table(item):
             several = isinstance(item, tuple)
             for one in item if several else (item,):
@@ -222,8 +222,8 @@ def converted(expected: Any, value: Any, key: str, where: str) -> Any:
         raise UsageError(f"{key} = {value!r} is not possible: {error}", where=f"{where} {key}") from None
 
 
-def _made(kind: type[T], values: dict[str, Any], where: str) -> T:
-    """The dataclass; what its own checks refuse is said with the file."""
+def _construct(kind: type[T], values: dict[str, Any], where: str) -> T:
+    """The dataclass; an error of its own checks names the file."""
     try:
         return kind(**values)
     except (UsageError, ValueError) as error:
@@ -232,7 +232,7 @@ def _made(kind: type[T], values: dict[str, Any], where: str) -> T:
         raise UsageError(named.fact, where=place, next_step=named.next_step) from None
 
 
-def _stated(value: Any) -> list[tuple[str, Any]]:
+def _without_defaults(value: Any) -> list[tuple[str, Any]]:
     """(field, value) of what is not at its default."""
     return [
         (field.name, getattr(value, field.name))
@@ -250,7 +250,7 @@ def _entries(table: Any) -> list[tuple[str, Any]]:
     """Keys and values of one table; those of a mapping are quoted, as they are any text."""
     if isinstance(table, Mapping):
         return [(toml_value(key), item) for key, item in table.items()]
-    return _stated(table)
+    return _without_defaults(table)
 
 
 def _is_table(value: Any) -> bool:

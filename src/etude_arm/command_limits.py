@@ -19,11 +19,12 @@ from etude_arm.physics.newton_euler import nominal_commands
 from etude_arm.spec import FORCES, ArmSpec
 
 NOMINAL = "the model file's masses"
-OPEN = (
-    "Torques: no log has measured friction, nor by how much the file's masses are wrong. "
+ASSUMED = (
     f"{VISCOUS:.0%} of each limit and {MASSES_OFF:.0%} of each link's mass are assumed as deviations. Rotors "
     "are not in them."
 )
+OPEN = f"Torques: no log has measured friction, nor by how much the file's masses are wrong. {ASSUMED}"
+UNSURE = f"Torques: logs show too little to be sure of rest at home, so the file's masses count. {ASSUMED}"
 OF_FILE = "Torques: Coulomb and viscous friction are the model file's."
 NO_MOTION = "No motion is possible by the numbers of the model file"
 """Beginning of a sentence that refuses every motion while the robot's `confirm` contains it."""
@@ -42,11 +43,19 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         spec: of the robot. model: learned, or None.
         home: (J,) a pose inside every limit, rad (m).
     """
-    if model is not None:
-        limit = by_model(
-            model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate
-        )
-        return kept_at(limit, home)
+    if model is None:
+        return _before_logs(spec, home)
+    limit = by_model(model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate)
+    kept = kept_at(limit, home)
+    # deviations that forbid rest at home show that little is known; a mean, that a limit is wrong
+    mean_kept = isinstance(kept_at(replace(limit, deviation=None), home), CommandLimit)
+    unsure = isinstance(kept, OpenCommands) and mean_kept
+    assumed = _before_logs(spec, home) if unsure else None
+    return replace(assumed, gaps=(UNSURE, *assumed.gaps[1:])) if isinstance(assumed, CommandLimit) else kept
+
+
+def _before_logs(spec: ArmSpec, home: Array) -> CommandLimit | OpenCommands | None:
+    """The limit by the model file; None without masses, or if commands are no forces."""
     if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     return of_file(

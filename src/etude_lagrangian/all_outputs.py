@@ -15,9 +15,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array
 
 WIDTH = 32  # columns in a strip: a multiple of a processor's lanes
@@ -36,17 +35,11 @@ FIELDS, C, R, RZ, SG, CU, RU, RUZ, QU, LINK = 0, 4, 8, 9, 10, 11, 15, 16, 17, 18
 FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43  # rows of a joint's own work
 
 _MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
-_INLINE: dict[str, Any] = {
-    **_MATHS,
-    "forceinline": True,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
 
 
 def _inline(function: Any) -> Any:
     """A part of a sweep: not compiled by itself."""
-    return njit(**_INLINE)(function)
+    return compiled_part(function, forceinline=True, **_MATHS)
 
 
 def _compile(function: Any) -> Any:

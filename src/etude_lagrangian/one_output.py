@@ -16,9 +16,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array
 
 WIDTH = 64  # columns in a strip: a multiple of a processor's lanes
@@ -33,17 +32,11 @@ K, P, GP, CHAIN, OWN, SUMS, HERE, BLOCKS = 0, 1, 5, 9, 13, 17, 21, 25
 FIELDS, T, BEFORE, LINK, U, U_BEFORE, SIZE = 0, 4, 8, 12, 16, 17, 18
 
 _MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
-_INLINE: dict[str, Any] = {
-    **_MATHS,
-    "forceinline": True,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
 
 
 def _inline(function: Any) -> Any:
     """A part of a sweep: not compiled by itself."""
-    return njit(**_INLINE)(function)
+    return compiled_part(function, forceinline=True, **_MATHS)
 
 
 def _compile(function: Any) -> Any:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array, Index
 
 VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2  # rules of insertion
@@ -88,7 +88,7 @@ class Rule(NamedTuple):
     refresh_every: int
 
 
-@compiled
+@compiled_part
 def _product(P: Array, k: Array, n: int, a: Array) -> None:
     """a = P k, as sums of rows: P is symmetric, and sums of rows vectorise without reordering a reduction."""
     for j in range(n):
@@ -105,7 +105,7 @@ def _product(P: Array, k: Array, n: int, a: Array) -> None:
             a[j] += k0 * r0[j]
 
 
-@compiled
+@compiled_part
 def _refine(members: Members, right: Array, solution: Array, residual: Array, step: Array) -> None:
     """One step of iterative refinement of A solution = right.
 
@@ -121,7 +121,7 @@ def _refine(members: Members, right: Array, solution: Array, residual: Array, st
         solution[j] += step[j]
 
 
-@compiled
+@compiled_part
 def _score(kind: int, guard: float, diagonal: float, error: float, variance: float) -> float:
     """What a point is worth, from its error and variance (d included) given the others.
 
@@ -140,7 +140,7 @@ def _score(kind: int, guard: float, diagonal: float, error: float, variance: flo
     return latent * (1.0 + z2 * latent / variance)
 
 
-@compiled
+@compiled_part
 def _weakest(members: Members, rule: Rule, now: float) -> tuple[int, float]:
     """The member of least score weighted by age, and that score."""
     best, least = 0, np.inf
@@ -154,7 +154,7 @@ def _weakest(members: Members, rule: Rule, now: float) -> tuple[int, float]:
     return best, least
 
 
-@compiled
+@compiled_part
 def _fill_slot(members: Members, block: Candidates, diagonal: float, slot: int, c: int, k: Array) -> None:
     """Candidate c takes a slot: its data, and its row and column of A."""
     n = members.counts[0]
@@ -170,7 +170,7 @@ def _fill_slot(members: Members, block: Candidates, diagonal: float, slot: int, 
     block.taken[slot] = c
 
 
-@compiled
+@compiled_part
 def _insert(members: Members, a: Array, delta: float, error: float) -> None:
     """One more member: P grows by [a; -1][a; -1]ᵀ / delta."""
     n = members.counts[0]
@@ -192,7 +192,7 @@ def _insert(members: Members, a: Array, delta: float, error: float) -> None:
     members.log_det[0] += np.log(delta)
 
 
-@compiled
+@compiled_part
 def _swap(members: Members, i: int, a: Array, p: Array, variance: float, error: float) -> None:
     """Member i leaves and the candidate takes its slot: P + w wᵀ - q qᵀ, symmetric to the last bit.
 
@@ -221,7 +221,7 @@ def _swap(members: Members, i: int, a: Array, p: Array, variance: float, error: 
     members.log_det[0] += np.log(variance * pivot)
 
 
-@compiled
+@compiled_part
 def _variance(block: Candidates, c: int, diagonal: float, k: Array, a: Array, n: int) -> float:
     """Of candidate c given all members, thesis (2.7) with the diagonal d."""
     delta: float = block.prior[c] + diagonal
@@ -230,7 +230,7 @@ def _variance(block: Candidates, c: int, diagonal: float, k: Array, a: Array, n:
     return delta
 
 
-@compiled
+@compiled_part
 def _exchange(
     members: Members, block: Candidates, rule: Rule, c: int, delta: float, error: float, work: Array
 ) -> bool:

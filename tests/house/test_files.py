@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from functools import cache
 from pathlib import Path
@@ -112,4 +113,28 @@ def test_a_constant_says_what_it_is_of_and_why() -> None:
             above = lines[node.lineno - 2].startswith("#")
             if not (text or above or "#" in lines[(node.end_lineno or node.lineno) - 1]):
                 found.append(f"{name}:{node.lineno}: {lines[node.lineno - 1]}")
+    assert found == []
+
+
+COMPILED = {"compiled", "_compile"}
+PARTS = {"compiled_part", "_inline"}
+"""Decorators of functions that compiled functions of their file alone call: Python would crash in them."""
+
+
+def test_parts_of_compiled_functions_are_called_by_these_alone() -> None:
+    found = []
+    for name, path in modules().items():
+        text = path.read_text(encoding="utf-8")
+        if not any(f"@{word}\n" in text for word in PARTS):
+            continue
+        functions = [own for own in tree(path).body if isinstance(own, ast.FunctionDef)]
+        marks = {own.name: {ast.unparse(one) for one in own.decorator_list} for own in functions}
+        parts = {own for own, words in marks.items() if words & PARTS}
+        for own in tree(path).body:
+            inside = isinstance(own, ast.FunctionDef) and marks[own.name] & (COMPILED | PARTS)
+            used = {node.id for node in ast.walk(own) if isinstance(node, ast.Name)} & parts
+            found += [f"{name}:{own.lineno}: {used}"] if used and not inside else []
+        dotted = re.compile(rf"\b{path.stem}(\.| import .*\b)({'|'.join(parts)})\b(?!\.py_func)")
+        for other in modules().values():
+            found += [f"{other}: {one[0]}" for one in dotted.finditer(other.read_text(encoding="utf-8"))]
     assert found == []

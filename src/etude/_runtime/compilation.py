@@ -13,3 +13,12 @@ def compiled(function: Any, **options: Any) -> Any:
         return njit(cache=True, **options)(function)
     except RuntimeError:
         return njit(**options)(function)
+
+
+def compiled_part(function: Any, **options: Any) -> Any:
+    """`njit` for a function that compiled functions of its file alone call; Python would crash in it.
+
+    What Python would call it by, and a copy of it on disk, are a quarter of a compilation.
+    """
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(**options)(function)

@@ -83,14 +83,14 @@ class Source:
         """
         if self.sampler == "uniform":
             half = count // 2
-            first = self._drawn(rng, count - half, lambda r, s, n: uniform(r, s, n, STEPS))
-            return [*first, *self._drawn(rng, half, boundary)]
+            first = self._sampled(rng, count - half, lambda r, s, n: uniform(r, s, n, STEPS))
+            return [*first, *self._sampled(rng, half, boundary)]
         slow = count // AMPLITUDE_SHARE
-        return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
+        return [*self._sampled(rng, count - slow, scaled), *self._sampled(rng, slow, amplitude)]
 
     def typical(self, rng: np.random.Generator, count: int, *, expanded: bool = False) -> list[SampledPoint]:
         """`count` large trajectories to replace tasks; expanded: enlarged, as first trajectories."""
-        sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        sampled = self._sampled(rng, count, uniform if self.sampler == "uniform" else scaled)
         points = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
         return [self._expanded(drawn) for drawn in points] if expanded else points
 
@@ -107,7 +107,7 @@ class Source:
     def _set(self, family: Family) -> FeasibleSet:
         return FeasibleSet.of(self.limits, family, self.home)
 
-    def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[SampledPoint]:
+    def _sampled(self, rng: np.random.Generator, count: int, sample: Sample) -> list[SampledPoint]:
         """Samples of the family; without random draws it has one feasible set and is sampled at once."""
         families = [self.family.drawn(rng) for _ in range(count)]
         sampled: dict[int, SampledPoint] = {}
@@ -295,7 +295,7 @@ class ClearPoseSource:
     ) -> ClearPoseSource:
         """The source, with the limits' boxes widened to the whole range."""
         ends = roam.reach.lower, roam.reach.upper
-        return cls(family, tuple(_about(limit, *ends) for limit in limits), roam, sampler)
+        return cls(family, tuple(_in_box(limit, *ends) for limit in limits), roam, sampler)
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:  # noqa: ARG002
         """The `REGIONS` candidates, out of `CENTRES` or more, with the largest coverage of unvisited bins.
@@ -305,7 +305,7 @@ class ClearPoseSource:
         """
         curves: list[Curve] = []
         for _ in range(TRIES):
-            curves += self._started(rng, CENTRES, widened=True)
+            curves += self._rough_curves(rng, CENTRES, widened=True)
             if sum(one.speed >= SLOW for one in curves) >= REGIONS:
                 break
         curves.sort(key=lambda one: (one.speed < SLOW, -one.worth))
@@ -325,7 +325,7 @@ class ClearPoseSource:
         Raises:
             UnsafeTrajectoryError: no motion was found.
         """
-        curves = self._started(rng, count)
+        curves = self._rough_curves(rng, count)
         if not curves:
             raise self._no_clear_motion()
         return [SampledPoint(one.family, self._set(one.family), one.p) for one in curves]
@@ -344,12 +344,12 @@ class ClearPoseSource:
             + (f": most of them break {' and '.join(often)}" if often else ""),
             next_step="In the robot file, correct limits narrower than the data sheet's, and what stands "
             "around the robot; confirm there names pairs of links whose shapes leave little room. "
-            "Deviations of commands are smaller once a slow log of the robot was told.",
+            "Deviations of commands are smaller after `etude tell` of a slow log of the robot.",
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:
         """Function pose (k,) -> parameters (P,) of rest at that pose."""
-        offset, rows = self._standing(family)
+        offset, rows = self._rest_map(family)
         return lambda pose: offset + rows @ pose
 
     def ordered(self, family: Family) -> FeasibleSet:
@@ -370,22 +370,22 @@ class ClearPoseSource:
         return self._sets[id(family)][1]
 
     @cached_property
-    def _stands(self) -> dict[int, tuple[Family, tuple[Array, Array]]]:
+    def _rest_maps(self) -> dict[int, tuple[Family, tuple[Array, Array]]]:
         return {}
 
-    def _standing(self, family: Family) -> tuple[Array, Array]:
-        if id(family) not in self._stands:
+    def _rest_map(self, family: Family) -> tuple[Array, Array]:
+        if id(family) not in self._rest_maps:
             k = len(self.roam.reach.lower)
             offset = still_at(family, np.zeros(k))
             rows = np.stack([still_at(family, row) - offset for row in np.eye(k)], axis=1)
-            self._stands[id(family)] = family, (offset, rows)
-        return self._stands[id(family)][1]
+            self._rest_maps[id(family)] = family, (offset, rows)
+        return self._rest_maps[id(family)][1]
 
     def _nonconvex(self, family: Family, p: Array) -> NonconvexLimits:
         """The nonconvex limits."""
         return NonconvexLimits.of(self.limits, family, p)
 
-    def _started(self, rng: np.random.Generator, count: int, *, widened: bool = False) -> list[Curve]:
+    def _rough_curves(self, rng: np.random.Generator, count: int, *, widened: bool = False) -> list[Curve]:
         """Curves about clear poses, shrunk until their paths are roughly clear; widened: extended again."""
         family = self.family.drawn(rng)
         whole, stand = self._set(family), self.stand(family)
@@ -406,7 +406,7 @@ class ClearPoseSource:
             if not holds(start):
                 continue  # the pose is not clear with these tracking margins
             p = whole.about(start).shrink(start + shape - stand(first))
-            p = _drawn(start, p, holds)
+            p = _bisect(start, p, holds)
             if widened:
                 p = nonconvex.widened(ordered, family, p, stand, ROUGHLY, holds)
             worth, speed = self._worth_and_speed(family, p, self._speed(family, shape))
@@ -467,13 +467,13 @@ class ClearPoseSource:
             )
             path = family.motion(p, t, 1).orders[0]
             middle, half = 0.5 * (path.max(axis=0) + path.min(axis=0)), 0.5 * BEYOND * np.ptp(path, axis=0)
-            box = tuple(_about(limit, middle - half, middle + half) for limit in self.limits)
+            box = tuple(_in_box(limit, middle - half, middle + half) for limit in self.limits)
             return Region(family, FeasibleSet.of(box, family, middle), p, p, start, self)
         except UnsafeTrajectoryError:
             return None
 
 
-def _drawn(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
+def _bisect(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
     """The parameters p (P,), moved towards `start` (P,) only until they hold."""
     if holds(p):
         return p
@@ -484,5 +484,5 @@ def _drawn(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
     return np.asarray(start + inside * (p - start))
 
 
-def _about(limit: Limit, lower: Array, upper: Array) -> Limit:
+def _in_box(limit: Limit, lower: Array, upper: Array) -> Limit:
     return limit.about(lower, upper) if isinstance(limit, SupportsBoxes) else limit

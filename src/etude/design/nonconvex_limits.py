@@ -281,7 +281,7 @@ def _home_outside(
     broken = [limit for limit in limits if not _hold((limit,), family, home, fast_check)]
     pieces = [piece for _, _, piece in family.trajectory(home).pieces()]
     rows = [row for limit in broken for piece in pieces for row in limit.prove(piece) if slack(row) < 0.0]
-    facts = dict.fromkeys(_beyond(row) for row in rows)
+    facts = dict.fromkeys(_violation_text(row) for row in rows)
     return UnsafeTrajectoryError(
         f"standing still at home does not keep the limits: {'; '.join(facts)}",
         where=", ".join(limit.name for limit in broken),
@@ -290,7 +290,7 @@ def _home_outside(
     )
 
 
-def _beyond(row: Proof) -> str:
+def _violation_text(row: Proof) -> str:
     """Text on a violated row: the proved value, and the limit."""
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     value, end = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)

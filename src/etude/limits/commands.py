@@ -126,7 +126,7 @@ class CommandLimit:
         if self._clear(self.mean(motion), duration):
             return 0.0, gradient
         spread = self.spread(motion, duration, SELDOM)
-        over = self._over(motion, spread)
+        over = self._relative_excess(motion, spread)
         at = np.flatnonzero(over.any(axis=1))
         if not len(at):
             return 0.0, gradient
@@ -137,14 +137,14 @@ class CommandLimit:
                 for sign in (-1.0, 1.0):
                     orders = near.orders.copy()
                     orders[order, :, axis] += sign * STEP
-                    ends.append((self._over(Motion(near.t, orders), spread[at]) ** 2).sum(axis=1))
+                    ends.append((self._relative_excess(Motion(near.t, orders), spread[at]) ** 2).sum(axis=1))
                 gradient[order, at, axis] = (ends[1] - ends[0]) / (2.0 * STEP * over.size)
         return value, gradient
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether coarse samples keep the limit; for searches, whose result is proved afterwards."""
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
-            decided = self._at_first_look(piece)
+            decided = self._coarse_check(piece)
             if decided is not None:
                 return decided
         motion = self.along(piece, LOOK)
@@ -154,21 +154,21 @@ class CommandLimit:
         if np.any(rates > CLOSE * self.rate):
             return False
         if np.any(room < 0.0) or self._clear(mean, piece.duration):  # the cheap mean alone already decides
-            return self._remembered(motion, -room, piece.duration)
-        return self._remembered(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
+            return self._check_excess(motion, -room, piece.duration)
+        return self._check_excess(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
 
     def fails_again(self, piece: Trajectory) -> bool:
         """Whether a motion fails at the instants at which `keeps` last found the largest excess."""
         if not self._witness:
             return False
         t, rows = np.unique(self._witness[0] * piece.duration, return_inverse=True)
-        mean, deviation = self._both(piece.motion(t, self.orders))
+        mean, deviation = self._moments(piece.motion(t, self.orders))
         _, at, left, right = rows.reshape(4, -1)
         off = np.abs(mean[at] - 0.5 * (self.upper + self.lower))
         spread = self._counted(piece.duration) * np.maximum(deviation[left], deviation[right])
         return bool(np.any(off + spread > CLOSE * 0.5 * (self.upper - self.lower)))
 
-    def _remembered(self, motion: Motion, excess: Array, duration: float, apart: float = SELDOM) -> bool:
+    def _check_excess(self, motion: Motion, excess: Array, duration: float, apart: float = SELDOM) -> bool:
         """Whether no excess (T, J) is positive; else each such command's worst instant is kept for
         `fails_again`.
 
@@ -188,28 +188,28 @@ class CommandLimit:
         """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
         long.
         """
-        mean, deviation = self._both(self.along(piece, LOOK))
+        mean, deviation = self._moments(self.along(piece, LOOK))
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
         return bool(np.any(np.abs(mean - middle) + self._counted(piece.duration) * deviation > half))
 
-    def _at_first_look(self, piece: Trajectory) -> bool | None:
+    def _coarse_check(self, piece: Trajectory) -> bool | None:
         """Decision from few samples: True if they use so little of each limit that the gaps cannot matter,
         False if they exceed it, None if only finer samples can decide.
         """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        for ask in (self._both,) if self.at_most is None else (self.at_most, self._both):
+        for ask in (self._moments,) if self.at_most is None else (self.at_most, self._moments):
             mean, deviation = ask(motion)
             off = np.abs(mean - middle)
             if np.any(off > CLOSE * half):
-                return self._remembered(motion, off - CLOSE * half, piece.duration, 0.0)
+                return self._check_excess(motion, off - CLOSE * half, piece.duration, 0.0)
             most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
             if np.all(most <= AMPLE * half):
                 return True
             excess = off + counted * deviation - CLOSE * half
-        return None if self._remembered(motion, excess, piece.duration, 0.0) else False
+        return None if self._check_excess(motion, excess, piece.duration, 0.0) else False
 
-    def _both(self, motion: Motion) -> tuple[Array, Array]:
+    def _moments(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""
         if self.both is not None:
             return self.both(motion)
@@ -245,10 +245,10 @@ class CommandLimit:
         piece.bound(self.orders - 1, 1)  # raises for curves without that derivative
         motion = self.along(piece, SPACING)
         step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
-        spread, bend = self.spread(motion, piece.duration), _bend(mean)
+        spread, bend = self.spread(motion, piece.duration), _curvature(mean)
         # a curve leaves the chord between two samples by at most an eighth of its second difference
         low, high = (mean - spread - bend / 8.0).min(axis=0), (mean + spread + bend / 8.0).max(axis=0)
-        text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
+        text = f"samples every {1000.0 * step:.2g} ms of {self._source_text(piece)}"
         rows = []
         for j, name in enumerate(self.names):
             method = f"{text}; between them at most {bend[:, j].max() / 8.0:.2g} {self.units[j]} more"
@@ -261,7 +261,7 @@ class CommandLimit:
             rows.append(_row(self.names[j], f"{self.quantity} rate", *ends, method))
         return tuple(rows)
 
-    def _whose(self, piece: Trajectory) -> str:
+    def _source_text(self, piece: Trajectory) -> str:
         if self.deviation is None:
             return self.source
         counts = self._counted(piece.duration)
@@ -301,7 +301,7 @@ class CommandLimit:
         """(J,) factor on the deviations: b times the fraction that counts."""
         return np.asarray(self.beyond(duration) * (1.0 if self.share is None else self.share))
 
-    def _over(self, motion: Motion, spread: Array) -> Array:
+    def _relative_excess(self, motion: Motion, spread: Array) -> Array:
         """(T, J) excess of the commands relative to half a limit, 0 inside."""
         mean, half = self.mean(motion), 0.5 * (self.upper - self.lower)
         outside = np.maximum(mean + spread - self.upper, self.lower - mean + spread)
@@ -366,7 +366,7 @@ def _row(
     return Proof(axis, quantity, low, high, least, most, f"{method} by second differences", "sampled")
 
 
-def _bend(mean: Array) -> Array:
+def _curvature(mean: Array) -> Array:
     """(T, J) |second difference| around each sample, with the safety factor."""
     bend = np.zeros_like(mean)
     bend[1:-1] = CAUTION * np.abs(np.diff(mean, 2, axis=0))
@@ -385,13 +385,13 @@ LEAST_BELIEVED = 0.25
 
 def after_run(limits: Sequence[Limit], ran: Trajectory) -> list[Limit]:
     """The limits; those of commands reduce each deviation to the fraction that the motion `ran` supports."""
-    return [_after(limit, ran) if isinstance(limit, CommandLimit) else limit for limit in limits]
+    return [_updated(limit, ran) if isinstance(limit, CommandLimit) else limit for limit in limits]
 
 
-def _after(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
+def _updated(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
     if limit.deviation is None:
         return limit
-    return _of_which(
+    return _with_share(
         limit,
         credible(limit, ran),
         "With all of them the motion that the robot has run last would be refused: too little is known yet.",
@@ -408,18 +408,18 @@ def held_at(limit: CommandLimit, home: Array) -> CommandLimit:
     share = np.clip(BELIEVED_ROOM * room / limit.spread(still, 0.0)[0], 0.0, 1.0)
     # a home that the mean alone excludes is another matter, see `kept_at`
     share = np.where(room > 0.0, share, 1.0)
-    return _of_which(limit, share, "With all of them the robot could hardly be held at home.")
+    return _with_share(limit, share, "With all of them the robot could hardly be held at home.")
 
 
 def weight_at(limit: CommandLimit, poses: Array) -> Array:
     """(n,) largest part of a limit at rest at poses (n, k), up to 1 where `held_at` counts all deviations."""
     still, half = rest_at(poses, limit.orders), 0.5 * (limit.upper - limit.lower)
-    mean, deviation = limit._both(still)
+    mean, deviation = limit._moments(still)
     off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
     return np.asarray(np.max((off + limit._counted(0.0) * deviation / BELIEVED_ROOM) / half, axis=1))
 
 
-def _of_which(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
+def _with_share(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
     """The limit with a share (J,) of its deviations, and a sentence on it if that is not all of them."""
     short = [j for j in range(len(share)) if share[j] < 1.0]
     if not short:

@@ -141,7 +141,7 @@ class Block:
             if cone.slope is not None or len(cone.rows) > 1
         ]
         tables = [*rows, *(ball.slope for ball in balls), *(part for ball in balls for part in ball.rows)]
-        still = np.flatnonzero([all(_same(table[:, i]) for table in tables) for i in range(len(members))])
+        still = np.flatnonzero([all(_constant(table[:, i]) for table in tables) for i in range(len(members))])
         empty = np.zeros((0, len(members)))
         return cls(
             members,
@@ -232,7 +232,7 @@ def _slope(cone: Cone) -> Array:
     return np.zeros(cone.rows.shape[1:]) if cone.slope is None else cone.slope
 
 
-def _same(column: Array) -> bool:
+def _constant(column: Array) -> bool:
     """Whether all numbers are equal up to rounding."""
     # some thousand roundings of a float64
     return bool(np.ptp(column) <= 1e-12 * np.abs(column).max(initial=0.0))
@@ -401,7 +401,7 @@ def _check_centre(cones: Sequence[Cone], family: Family, centre: Array) -> None:
 
 def _coupled(cones: Sequence[Cone], size: int) -> list[tuple[Index, list[Cone]]]:
     """Groups of parameters that cones couple, each with its cones, ordered by their first parameter."""
-    touched = [_touched(cone) for cone in cones]
+    touched = [_coupled_mask(cone) for cone in cones]
     group = np.arange(size)
     for mask in touched:
         if mask.any():
@@ -419,7 +419,7 @@ def _coupled(cones: Sequence[Cone], size: int) -> list[tuple[Index, list[Cone]]]
     return out
 
 
-def _touched(cone: Cone) -> NDArray[np.bool_]:
+def _coupled_mask(cone: Cone) -> NDArray[np.bool_]:
     """(P,) parameters that a cone depends on."""
     rows: NDArray[np.bool_] = np.any(cone.rows != 0.0, axis=(0, 1))
     return rows if cone.slope is None else rows | np.any(cone.slope != 0.0, axis=0)

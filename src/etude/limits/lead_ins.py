@@ -53,19 +53,19 @@ def can_lead(trajectory: Trajectory) -> bool:
 
 def lead_in(trajectory: FourierTrajectory, lasting: float) -> Splined:
     """Motion from rest on its path to its start, in `lasting` s; tracking margins are those of the series."""
-    return _led(trajectory, lasting, out=False)
+    return _lead(trajectory, lasting, out=False)
 
 
 def lead_out(trajectory: FourierTrajectory, lasting: float) -> Splined:
     """Motion from its end to rest, in `lasting` s."""
-    return _led(trajectory, lasting, out=True)
+    return _lead(trajectory, lasting, out=True)
 
 
-def _led(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined:
+def _lead(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined:
     count = max(2, whole_up(lasting / PIECES))
     times = np.linspace(0.0, lasting, count + 1)
     s = times / lasting
-    theta, rates = _started(s if not out else 1.0 - s, lasting)
+    theta, rates = _time_scaling(s if not out else 1.0 - s, lasting)
     at = trajectory.duration - theta if out else theta
     rates[1::2] *= -1.0 if out else 1.0  # reversed time changes the sign of odd derivatives
     table = series(trajectory.omega0 * at, trajectory.harmonics, trajectory.omega0, ORDERS)
@@ -76,7 +76,7 @@ def _led(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined
     return Splined(times, points, like=trajectory.form)
 
 
-def _started(s: Array, lasting: float) -> tuple[Array, Array]:
+def _time_scaling(s: Array, lasting: float) -> tuple[Array, Array]:
     """Time of the series, s, from -lasting/2 at s = 0 to 0 at s = 1, and its first three derivatives.
 
     Its rate is the septic step 35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, from 0 to 1 with three derivatives that

@@ -60,7 +60,7 @@ def made_limits(
     Raises:
         UsageError: a plug-in fails, or the number of slopes is not that of the coordinates.
     """
-    return tuple(_made(table, spec, model, margins, tuple(coordinates)) for table in tables)
+    return tuple(_make_limit(table, spec, model, margins, tuple(coordinates)) for table in tables)
 
 
 def _read(table: Mapping[str, Any], where: str) -> LimitTable:
@@ -99,7 +99,7 @@ def _check_named(parameters: Sequence[inspect.Parameter], name: str, where: str)
         )
 
 
-def _made(
+def _make_limit(
     table: LimitTable, spec: Any, model: Model | None, margins: Margins, coordinates: tuple[str, ...]
 ) -> Limit:
     from etude.limits.lipschitz import LipschitzLimit

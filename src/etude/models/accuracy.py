@@ -233,7 +233,7 @@ class ErrorRatio:
 
 
 def compared(against: str, errors: Array, other: Array) -> ErrorRatio:
-    """The comparison of errors (S, J) by segment and command; NaN where a command said nothing."""
+    """The comparison of errors (S, J) by segment and command; NaN where a command has no samples."""
     from scipy.stats import t
 
     tiny = np.finfo(float).tiny

@@ -49,7 +49,7 @@ def _at_most(process: Process, X: Array) -> tuple[Array, Array]:
 
 
 MOST_INPUTS = 64
-"""Inputs at which it is asked, evenly spread over all: a mean over them is known to a tenth."""
+"""Largest number of inputs, evenly spread: a mean variance over them is accurate to a tenth."""
 
 
 def known_of(candidates: Sequence[Candidate], believed: Sequence[bool]) -> Array:
@@ -145,7 +145,7 @@ class LearnedModel:
     """What was learned (implements `protocols.Model`).
 
     Attributes:
-        inputs: of all processes, with the facts that the samples told.
+        inputs: of all processes, with the facts identified from the samples.
         candidates: every structure that was trained, group by group, the default's first; for commands that a
             structure was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of
             physics and linear regression alone have a process too, which says nothing but where the robot
@@ -223,7 +223,7 @@ class LearnedModel:
     @property
     def columns(self) -> tuple[Column, ...]:
         """What is looked at: by the inputs, and beside them by the means in use."""
-        means = [m for m in (*(c.mean for c, _ in self._in_use()), *self._behind) if m is not None]
+        means = [m for m in (*(c.mean for c, _ in self._in_use()), *self._fallbacks) if m is not None]
         beside = (column for mean in means if isinstance(mean, SupportsColumns) for column in mean.columns)
         return tuple(dict.fromkeys([*self.inputs.columns, *beside]))
 
@@ -294,7 +294,7 @@ class LearnedModel:
         """The commands (n, J) of `predict` alone, to rounding, for less.
 
         Variances cost most, and only decide how far a command fades. Where an upper bound of what is unknown
-        leaves full trust, nothing fades; processes are asked again at the other rows alone.
+        leaves full trust, nothing fades; processes predict again only at the other rows.
         """
         means = Means(as_run(log, self.columns, self.inputs).log)
         predictions: dict[int, tuple[Array, Array]] = {}
@@ -337,7 +337,7 @@ class LearnedModel:
 
     def posteriors(self, log: Log) -> dict[str, tuple[Array, Array]]:
         """As `posterior`, by structure that was trained for all commands, and under "" of those in use; each
-        process is asked once.
+        process predicts once.
         """
         means, predictions = Means(log), dict[int, tuple[Array, Array]]()
 
@@ -484,13 +484,13 @@ class LearnedModel:
         return fallback_physics(candidate, self.candidates, not doubted)
 
     @cached_property
-    def _behind(self) -> tuple[Mean | None, ...]:
-        """Of each candidate in use; asked at every tick."""
+    def _fallbacks(self) -> tuple[Mean | None, ...]:
+        """Fallback physics of each candidate in use; every tick reads them."""
         return tuple(self.behind(candidate) for candidate, _ in self._in_use())
 
     def _safe(self, means: Means) -> Array:
         parts = []
-        for (candidate, columns), behind in zip(self._in_use(), self._behind, strict=True):
+        for (candidate, columns), behind in zip(self._in_use(), self._fallbacks, strict=True):
             parts.append(level_of(candidate)[None] if behind is None else means.alone(behind, columns))
         return self._weighted(len(means.log), parts)
 

@@ -131,26 +131,26 @@ class PluginMember:
 
     def __call__(self, fit: FitData) -> Process:
         """The process of the group. UsageError if it is none."""
-        return self._checked(self._tried(lambda: self.wrapped(fit)), fit.X[:3], fit.Y.shape[1])
+        return self._checked(self._call(lambda: self.wrapped(fit)), fit.X[:3], fit.Y.shape[1])
 
     def restore(self, arrays: Mapping[str, Array]) -> Process:
         """The process whose arrays these are."""
-        return cast("Process", self._tried(lambda: self.wrapped.restore(arrays)))
+        return cast("Process", self._call(lambda: self.wrapped.restore(arrays)))
 
-    def _tried(self, what: Callable[[], Any]) -> Any:
+    def _call(self, what: Callable[[], Any]) -> Any:
         try:
             return what()
         except EtudeError:
             raise
         except Exception as error:
-            raise self._wrong(f"fails ({type(error).__name__}: {error})") from error
+            raise self._error(f"fails ({type(error).__name__}: {error})") from error
 
     def _checked(self, process: Any, X: Array, commands: int) -> Process:
         missing = [name for name in METHODS if not callable(getattr(process, name, None))]
         missing += [name for name in VALUES if not hasattr(process, name)]
         if missing:
-            raise self._wrong(f"makes a process without {', '.join(missing)}")
-        mean, variance = self._tried(lambda: process.predict(X))
+            raise self._error(f"makes a process without {', '.join(missing)}")
+        mean, variance = self._call(lambda: process.predict(X))
         values = {"mean": mean, "variance": variance}
         for name, shape in {
             **dict.fromkeys(values, (len(X), commands)),
@@ -158,12 +158,12 @@ class PluginMember:
         }.items():
             value = np.asarray(values.get(name, getattr(process, name, None)), dtype=float)
             if value.shape != shape:
-                raise self._wrong(f"gives a {name} of shape {value.shape}, not {shape}")
+                raise self._error(f"gives a {name} of shape {value.shape}, not {shape}")
             if not np.isfinite(value).all() or (name != "mean" and bool((value < 0.0).any())):
-                raise self._wrong(f"gives a {name} that is no number, or below zero")
+                raise self._error(f"gives a {name} that is no number, or below zero")
         return cast("Process", process)
 
-    def _wrong(self, what: str) -> UsageError:
+    def _error(self, what: str) -> UsageError:
         return UsageError(f"the model {self.name!r} {what}", next_step=_ASK)
 
 

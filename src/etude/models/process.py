@@ -83,7 +83,7 @@ class Posteriors:
 
     @property
     def conditioned_on(self) -> Array | None:
-        """(k, D) inputs that a posterior, or what designs see in its place, has kept; None of none."""
+        """(k, D) inputs that a posterior, or its substitute for designs, stores; None if none."""
         for posterior in (*self.own, *self.guides):
             if isinstance(posterior, SupportsSamples):
                 return np.asarray(posterior.X)

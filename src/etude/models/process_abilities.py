@@ -22,7 +22,7 @@ class EnsembleMember(Candidate):
     Attributes:
         name: "default", or one of `ensemble.CANDIDATES`.
         share: (m,) weight within the structure, whatever structure a command has; None: 1, there is no other.
-        error: (m,) mean absolute error on motion held out, command units; None where nobody kept it.
+        error: (m,) mean absolute error on motion held out, command units; None if it was not stored.
     """
 
     name: str = "default"
@@ -91,7 +91,7 @@ class SupportsOnnxMoments(Protocol):
 
     @property
     def alike(self) -> Hashable:
-        """Posteriors of one type that are equal in this are asked in one call."""
+        """Posteriors of one type with the same key are evaluated in one call."""
         ...
 
     def onnx_moments(self, graph: Any, x: str, own: Sequence[Any], variance: bool) -> tuple[str, str]:
@@ -110,7 +110,7 @@ class HasInputs(Protocol):
 
     @property
     def conditioned_on(self) -> Array | None:
-        """(k, D) inputs; None where it kept none."""
+        """(k, D) inputs; None if it stores none."""
         ...
 
 

@@ -97,7 +97,7 @@ def model_of(
     if metadata["version"] != VERSION:
         raise ValueError(f"version {metadata['version']}")
     arrays = {name: stored[key] for name, key in metadata["arrays"].items()}
-    inputs = inputs_of(_under(arrays, "inputs"))
+    inputs = inputs_of(_with_prefix(arrays, "inputs"))
     all_physics = {"linear": LinearPhysics(inputs), **physics}
     means: dict[str, Mean] = {}
     processes: dict[int, Process] = {}
@@ -201,14 +201,14 @@ def _candidate(
         kind = base.partition(".")[0]
         if kind not in physics:
             raise ValueError(f"the robot has no {kind} physics")
-        means[base] = physics[kind].restore(_under(arrays, f"mean/{base}"))
+        means[base] = physics[kind].restore(_with_prefix(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
         member_config = CANDIDATES.get(metadata.get("name", "default"))
         member_name = member if member_config is None else member_config.process
-        processes[number] = member_named(member_name).restore(_under(arrays, f"p{number}"))
+        processes[number] = member_named(member_name).restore(_with_prefix(arrays, f"p{number}"))
     process: Any = None if number is None else processes[number]
     if metadata["silent"]:
-        stored = _under(arrays, f"{prefix}/silent")
+        stored = _with_prefix(arrays, f"{prefix}/silent")
         numbers = (stored["calibration"], stored["least"], stored["prior"])
         process = Silent(process, *numbers, grows=bool(stored["grows"]))
     return EnsembleMember(
@@ -225,7 +225,7 @@ def _candidate(
     )
 
 
-def _under(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
+def _with_prefix(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
     """The arrays below a prefix, without it."""
     start = f"{prefix}/"
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

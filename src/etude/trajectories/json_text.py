@@ -15,7 +15,7 @@ from etude.trajectories.splined import Splined
 
 
 def _chain(parts: Sequence[Any]) -> Chain:
-    return Chain(tuple((label, _made(part, SINGLE)) for label, part in parts))
+    return Chain(tuple((label, _from_content(part, SINGLE)) for label, part in parts))
 
 
 SINGLE: dict[str, Callable[..., Trajectory]] = {
@@ -36,10 +36,10 @@ def from_json(text: str | bytes) -> Trajectory:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise UsageError(f"the trajectory file is not JSON: {error}") from None
-    return _made(content, FORMS)
+    return _from_content(content, FORMS)
 
 
-def _made(content: Any, forms: dict[str, Callable[..., Trajectory]]) -> Trajectory:
+def _from_content(content: Any, forms: dict[str, Callable[..., Trajectory]]) -> Trajectory:
     form = content.get("form") if isinstance(content, dict) else None
     if not isinstance(form, str) or form not in forms:
         raise UsageError(f"the trajectory file's 'form' is not one of: {', '.join(forms)}")

@@ -163,7 +163,7 @@ class Clock:
 
     t: Array
     group: Index
-    known: dict[int, tuple[Mask, float]] = field(default_factory=dict, repr=False)
+    known: dict[int, tuple[Mask | None, float]] = field(default_factory=dict, repr=False)
 
     def information(self, residual: Array | None = None) -> float:
         """Weight of one sample against the prior: samples within the correlation time count as one.
@@ -192,18 +192,19 @@ class Clock:
         power, total = float(np.mean(residual**2)), 1.0
         for lag in range(1, len(residual)):
             near, count = self._near(lag)
-            product = float(np.sum((residual[lag:] * residual[:-lag])[near]))
+            products = residual[lag:] * residual[:-lag]
+            product = float(np.add.reduce(products if near is None else products[near]))
             if product <= 0.0:
                 break
             total += 2.0 * product / (count * power)
         return total * self.step
 
-    def _near(self, lag: int) -> tuple[Mask, float]:
-        """Mask (n - lag,) of samples that follow another after `lag` steps, and their number."""
+    def _near(self, lag: int) -> tuple[Mask | None, float]:
+        """Mask (n - lag,) of samples that follow another after `lag` steps, None: all; and their number."""
         if lag not in self.known:
             near = np.abs(self.t[lag:] - self.t[:-lag]) <= (lag + 0.5) * self.step
             near &= self.group[lag:] == self.group[:-lag]
-            self.known[lag] = near, float(np.sum(near))
+            self.known[lag] = None if near.all() else near, float(np.sum(near))
         return self.known[lag]
 
 

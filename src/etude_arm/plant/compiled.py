@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array
 from etude_arm.plant.parameters import ArmParameters
 from etude_arm.plant.trace import LoopInputs, Trace
@@ -91,7 +91,7 @@ def _motor(arm: ArmParameters, j: int) -> list[float]:
     ]
 
 
-@compiled
+@compiled_part
 def _lever(q: float, pivot: Array, gear: float, linear: float) -> tuple[float, float, float]:
     """Actuator length, its derivative (the moment arm), and second derivative, at joint angle q."""
     if linear == 0.0:
@@ -137,14 +137,14 @@ def _rigid(q: Array, v: Array, p: Arrays, M: Array, bias: Array) -> None:
             bias[a + 1] += force[i]
 
 
-@compiled
+@compiled_part
 def _friction_level(length: float, speed: float, m: Array) -> float:
     """LuGre's g(v), between static and Coulomb friction, times the ripple along the travel."""
     level = 1.0 + m[13] * np.sin(m[14] * length + m[15])
     return float(level * (m[5] + (m[6] - m[5]) * np.exp(-((speed / m[7]) ** 2))))
 
 
-@compiled
+@compiled_part
 def _solve(M: Array, x: Array) -> None:
     """x = M^-1 x for symmetric positive definite M, both overwritten (Cholesky without a square root)."""
     n = x.size
@@ -160,7 +160,7 @@ def _solve(M: Array, x: Array) -> None:
         x[i] /= M[i, i]
 
 
-@compiled
+@compiled_part
 def _step(q: Array, v: Array, z: Array, volts: Array, p: Arrays, M: Array, f: Array) -> None:
     """One semi-implicit step of angles q, rates v, bristle deflections z (all (dof,), in place).
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude_quadrotor.vehicle import GRAVITY, SPINS
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def ground_effect(z: float, p: Array) -> float:
     return float(1.0 / (1.0 - loss - 2.0 * r2 * h * p[3] / (body * np.sqrt(body))))
 
 
-@compiled
+@compiled_part
 def _axes(y: Array) -> tuple[float, float, float, float, float, float, float, float, float]:
     """R_world_body of y's quaternion, row by row."""
     w, a, b, c = y[6], y[7], y[8], y[9]
@@ -108,7 +108,7 @@ def _axes(y: Array) -> tuple[float, float, float, float, float, float, float, fl
     )  # fmt: skip
 
 
-@compiled
+@compiled_part
 def _times(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """M (3, 3) times a vector."""
     return (
@@ -118,7 +118,7 @@ def _times(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]
     )
 
 
-@compiled
+@compiled_part
 def _rotors(
     y: Array, current: Array, vx: float, vy: float, vz: float, b: Body
 ) -> tuple[float, float, float, float, float, float, float]:
@@ -180,7 +180,7 @@ def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out
         out[13 + k] = (m[2] * current[k] - m[1] * W * abs(W)) / m[5] - s * out[12]
 
 
-@compiled
+@compiled_part
 def _currents(
     start: Array, y: Array, W: Array, slope: Array, volts: Array, t: float, b: Body, out: Array
 ) -> None:
@@ -197,7 +197,7 @@ def _currents(
         )
 
 
-@compiled
+@compiled_part
 def _step(
     y: Array, i: Array, volts: Array, wind: Array, noise: Array, h: float, b: Body, work: Array
 ) -> None:
@@ -232,7 +232,7 @@ def _step(
         i[k] = j[k]
 
 
-@compiled
+@compiled_part
 def _position_loop(
     y: Array, position: Array, velocity: Array, ff: Array, total: Array, period: float, c: Control, out: Array
 ) -> None:
@@ -260,7 +260,7 @@ def _position_loop(
     out[0], out[1], out[2] = out[0] / length, out[1] / length, up / length
 
 
-@compiled
+@compiled_part
 def _attitude_loop(y: Array, wish: Array, yaw_rate: float, c: Control, volts: Array) -> None:
     """PD on attitude and the static map of the nominal vehicle from thrust and moments to four voltages."""
     r00, r01, _, r10, r11, _, r20, r21, _ = _axes(y)
@@ -276,7 +276,7 @@ def _attitude_loop(y: Array, wish: Array, yaw_rate: float, c: Control, volts: Ar
         volts[k] = c.motor[2] * c.motor[0] * square / c.motor[1] + c.motor[1] * np.sqrt(square)
 
 
-@compiled
+@compiled_part
 def _set_points(y: Array, wish: Array, ff: Array, c: Control, command: Array) -> None:
     """Roll, pitch, yaw rate and thrust over their full scales, clipped; yaw is held at 0 by its rate."""
     yaw = np.arctan2(2 * (y[7] * y[8] + y[6] * y[9]), 1 - 2 * (y[8] * y[8] + y[9] * y[9]))
@@ -289,7 +289,7 @@ def _set_points(y: Array, wish: Array, ff: Array, c: Control, command: Array) ->
         command[k] = min(max(command[k] + ff[k], -1.0 if k < 3 else 0.0), 1.0)
 
 
-@compiled
+@compiled_part
 def _desired_thrust(y: Array, command: Array, c: Control, out: Array) -> None:
     """Direction of the thrust (world) and thrust of the set-points, at the measured yaw."""
     yaw = np.arctan2(2 * (y[7] * y[8] + y[6] * y[9]), 1 - 2 * (y[8] * y[8] + y[9] * y[9]))
@@ -299,7 +299,7 @@ def _desired_thrust(y: Array, command: Array, c: Control, out: Array) -> None:
     out[2], out[3] = np.cos(pitch) * np.cos(roll), command[3] * c.full_scale[2]
 
 
-@compiled
+@compiled_part
 def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: Array) -> None:
     """Writes the motor voltages of this tick to `volts`; without set-points also to the command."""
     if c.mode == OPEN_LOOP:

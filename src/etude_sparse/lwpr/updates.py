@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude._runtime.compilation import compiled
+from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array, Index
 
 TINY = 1e-10
@@ -81,7 +81,7 @@ class Rule(NamedTuple):
     full: bool
 
 
-@compiled
+@compiled_part
 def activation(fields: Fields, k: int, x: Array, full: bool) -> float:
     """w of field k at x."""
     distance = 0.0
@@ -95,7 +95,7 @@ def activation(fields: Fields, k: int, x: Array, full: bool) -> float:
     return w
 
 
-@compiled
+@compiled_part
 def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     """A new field at x with metric MᵀM and two directions (table 3)."""
     D = len(x)
@@ -119,7 +119,7 @@ def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     return k
 
 
-@compiled
+@compiled_part
 def _remove(fields: Fields, k: int) -> None:
     """The last field takes the place of field k; by loops, see `dictionary_updates`."""
     last = fields.used[0] - 1
@@ -137,7 +137,7 @@ def _remove(fields: Fields, k: int) -> None:
     fields.used[0] = last
 
 
-@compiled
+@compiled_part
 def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: Array) -> float:
     """Incremental partial least squares with forgetting (table 2); returns the residual, fills s (r,)."""
     D, keep = len(x), fields.forget[k]
@@ -172,7 +172,7 @@ def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: 
     return residual
 
 
-@compiled
+@compiled_part
 def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> float:
     """d J1 / d w of the leave-one-out cost (eq. 12), and its memory brought up to date.
 
@@ -198,7 +198,7 @@ def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> fl
     return slope
 
 
-@compiled
+@compiled_part
 def _learn_metric(fields: Fields, k: int, x: Array, w: float, slope: float, rule: Rule, work: Array) -> None:
     """One stochastic gradient step of M (eq. 11): leave-one-out cost and the penalty sum(D²) / inputs.
 
@@ -239,7 +239,7 @@ def _learn_metric(fields: Fields, k: int, x: Array, w: float, slope: float, rule
             M[i, j] -= steps[i, j]
 
 
-@compiled
+@compiled_part
 def _add_direction(fields: Fields, k: int, rule: Rule) -> None:
     """One direction more if the newest reduced the error enough, and was given the samples to show it."""
     r, D = fields.r[k], fields.c.shape[1]
@@ -252,7 +252,7 @@ def _add_direction(fields: Fields, k: int, rule: Rule) -> None:
         fields.Q[k, r + 1], fields.WQ[k, r + 1] = 0.0, TINY
 
 
-@compiled
+@compiled_part
 def _update(fields: Fields, k: int, x: Array, y: float, w: float, rule: Rule, work: Array) -> None:
     """Field k absorbs a sample of weight w."""
     s = work[1 + 2 * len(x)]
@@ -278,7 +278,8 @@ def absorb(
         if fields.used[0] >= len(fields.c):
             return n, FULL
         x, target = X[order[n]], y[order[n]]
-        best, second, top, next_top = -1, -1, 0.0, 0.0
+        best = second = fields.used[0]  # none so far; a literal would compile `_remove` twice
+        top, next_top = 0.0, 0.0
         for k in range(fields.used[0]):
             w = activation(fields, k, x, rule.full)
             if w > top:

@@ -297,3 +297,34 @@ def test_friction_of_the_file_is_in_the_limit_before_the_first_log(tmp_path: Pat
     assert commands[0][2] - commands[0][0] == pytest.approx(2.0 * 7.0)
     np.testing.assert_allclose(commands[1] - commands[0], [-5.0, 0.0, 5.0], atol=1e-9)
     np.testing.assert_allclose(commands[2], commands[0], atol=1e-12)
+
+
+def vague(size: float, level: float = LEVEL) -> SimpleNamespace:
+    """A learned model of the lever, which takes `level` N m at home, unsure of `size` N m."""
+
+    def posterior(motion: Motion) -> tuple[Array, Array]:
+        weight = level * np.cos(motion.orders[0])
+        return weight, np.full_like(weight, size**2)
+
+    return SimpleNamespace(
+        inputs=SimpleNamespace(orders=3, states=lambda motion: motion), posterior=posterior
+    )
+
+
+def test_a_model_that_is_unsure_at_home_leaves_the_limit_of_before_any_log(tmp_path: Path) -> None:
+    """Deviations are no evidence against a limit; a mean beyond it at home is."""
+    spec, home = lever(tmp_path, 2.0 * LEVEL), np.zeros(1)
+    assumed = commands_of(spec, None, home)
+    assert isinstance(assumed, CommandLimit)
+    sure = commands_of(spec, vague(0.05 * LEVEL), home)  # type: ignore[arg-type]
+    assert isinstance(sure, CommandLimit)
+    assert sure.source == "the learned model"
+    for size in (LEVEL, 20.0 * LEVEL):
+        found = commands_of(spec, vague(size), home)  # type: ignore[arg-type]
+        assert isinstance(found, CommandLimit)
+        assert (found.source, found.gaps[1:]) == (assumed.source, assumed.gaps[1:])
+        assert "too little to be sure of rest at home" in found.gaps[0]
+    for level in (2.1 * LEVEL, -2.1 * LEVEL):
+        assert not isinstance(commands_of(spec, vague(LEVEL, level), home), CommandLimit)  # type: ignore[arg-type]
+    volts = replace(spec, command_unit="V")
+    assert not isinstance(commands_of(volts, vague(LEVEL), home), CommandLimit)  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from small_robot import random_motion
 from test_changed_load import ARM, TIMES, arm, saved, written
+from test_payload import carrying
 
 from etude import tell
 from etude.campaign import Campaign, create_campaign, inspect
@@ -265,6 +266,15 @@ def test_a_load_taken_up_within_a_log_is_weighed(kg: float, lab: Campaign, tmp_p
     assert word == ("more" if kg > 0.0 else "less")
     a, b = between(sentence)
     assert a < 2.0 * motion.duration < b
+
+
+@pytest.mark.parametrize("seed", [12, 14])
+def test_a_load_that_is_carried_all_the_time_does_not_change(
+    seed: int, lab: Campaign, tmp_path: Path
+) -> None:
+    """It was put down in one of ten logs of 10 s: by its centre, and by what one joint alone said."""
+    path = carrying(tmp_path / "run.csv", lab, random_motion(lab, seed), 1.5, lasting=10.0)
+    assert "contradiction" not in found(path, lab)
 
 
 @pytest.mark.slow

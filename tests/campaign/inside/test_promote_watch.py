@@ -25,6 +25,7 @@ from etude.campaign import (
     write_table,
 )
 from etude.campaign.deployment.predict import check_table
+from etude.campaign.deployment.promote import is_undecided
 from etude.campaign.record.confirmation import SPREAD
 from etude.campaign.record.deployed_model import deployed_model, pinned
 from etude.campaign.record.events import Promoted
@@ -154,12 +155,17 @@ def test_level_with_physics_is_enough_and_level_with_the_model_in_use_is_not(
 ) -> None:
     name = "etude.campaign.deployment.promote.compared"
     made = import_module(name.rpartition(".")[0]).compared
-    figures = {"segments": 5, "ratio": 0.98, "lower": 0.9, "upper": 1.06}
+    figures = {"segments": 5, "ratio": 0.98, "lower": 0.7, "upper": 1.4}
     monkeypatch.setattr(name, lambda *errors: replace(made(*errors), **figures))
+    assert [one.code for one in promote(fresh).refused] == [Refusal.NOT_YET_BETTER]
+    assert is_undecided(fresh)
+    figures |= {"lower": 0.9, "upper": 1.06}
+    assert not is_undecided(fresh)
     assert promote(fresh).promoted
     one_more(fresh, tmp_path, 6)
     found = promote(fresh)
     assert [one.decision for one in found.compared] == ["level", "level"]
+    assert not is_undecided(fresh)
     (said,) = found.refused
     assert said.code == Refusal.NOT_BETTER
     assert "the model in use" in said.sentence
@@ -169,7 +175,9 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     fresh: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     promote(fresh)
+    assert not is_undecided(fresh), "it is in use"
     one_more(fresh, tmp_path, 6)
+    assert is_undecided(fresh)
     found = promote(fresh)
     physics, used = found.compared
     assert not found.promoted

@@ -148,7 +148,7 @@ def test_what_was_visited_is_left_for_what_was_not() -> None:
 def test_slow_candidates_are_drawn_anew() -> None:
     """Speeds are compared with what the limits alone allow."""
     roamed = source()
-    curves = roamed._started(np.random.default_rng(3), 12, widened=True)
+    curves = roamed._rough_curves(np.random.default_rng(3), 12, widened=True)
     best = roamed.candidates(np.random.default_rng(3), 24)[0]
     fastest = max(curve.speed for curve in curves)
     assert fastest >= SLOW

@@ -90,7 +90,7 @@ def test_the_weight_gradient_is_that_of_the_leave_one_out_cost() -> None:
         fields.E[0] = np.sum(w * e_cv**2) - own
         fields.H[0, 0] = np.sum(w * e_cv * s / (1.0 - h))
         fields.G[0, 0] = np.sum(w**2 * e_cv**2 * s**2 / (1.0 - h))
-        slope = updates._weight_gradient(fields, 0, w[i], e[i], s[i : i + 1])
+        slope = updates._weight_gradient.py_func(fields, 0, w[i], e[i], s[i : i + 1])
         # the paper leaves out that a sample's weight changes its own influence directly
         slope += 2.0 * own / (1.0 - h[i]) * s[i] ** 2 / SS / w.sum()
         step = 1e-6 * np.eye(25)[i]
@@ -105,9 +105,9 @@ def test_the_metric_step_descends_the_penalised_cost(full) -> None:
     M = np.triu(rng.uniform(0.5, 1.0, size=(D, D))) if full else np.diag(rng.uniform(0.5, 1.0, size=D))
     x, slope, W = rng.normal(size=D), 0.8, 5.0
     fields.M[0], fields.rate[0], fields.W[0], fields.E[0], fields.E0[0] = M, 1e-3, W, 1.0, 1.0
-    w = updates.activation(fields, 0, x, full)
+    w = updates.activation.py_func(fields, 0, x, full)
     assert w == pytest.approx(np.exp(-0.5 * np.sum((M @ x) ** 2)))
-    updates._learn_metric(fields, 0, x, w, slope, updates.Rule(*rule), np.zeros((2 * D + 2, D)))
+    updates._learn_metric.py_func(fields, 0, x, w, slope, updates.Rule(*rule), np.zeros((2 * D + 2, D)))
 
     def cost(M: np.ndarray) -> float:
         weight = np.exp(-0.5 * np.sum((M @ x) ** 2))
@@ -124,7 +124,7 @@ def test_too_large_a_step_is_not_taken_and_halves_the_rate() -> None:
     fields = fields_module._room(1, 1, 1)
     fields.M[0], fields.rate[0], fields.W[0], fields.E[0], fields.E0[0] = 1.0, 1e3, 1.0, 1.0, 1.0
     rule = updates.Rule(0.1, 0.7, 1e-3, 0.9, 0.0, 1e3, 1.0, 1.0, 1.0, False)
-    updates._learn_metric(fields, 0, np.ones(1), 0.5, 1.0, rule, np.zeros((4, 1)))
+    updates._learn_metric.py_func(fields, 0, np.ones(1), 0.5, 1.0, rule, np.zeros((4, 1)))
     assert fields.M[0, 0, 0] == 1.0
     assert fields.rate[0] == 500.0
 

@@ -137,10 +137,7 @@ def _compare_models(
     """The comparisons and the decision; with `force` also where comparisons are impossible."""
     try:
         left_out = read_residuals(campaign.model_folder(number) / LEFT_OUT)
-        comparisons = [_with_physics(left_out)]
-        if state.promoted:
-            say("Comparing with the model in use.")
-            comparisons.append(_with_deployed_model(campaign, state, left_out))
+        comparisons = _comparisons(campaign, state, left_out, say)
     except (DataError, UsageError) as error:
         if not force:
             raise
@@ -163,19 +160,31 @@ def _compare_models(
 
 
 def is_undecided(campaign: Campaign) -> bool:
-    """Whether held-out motion decides neither for nor against the newest model, and more of it could.
-
-    Raises:
-        UsageError, DataError: as `promote`.
+    """Whether held-out motion decides neither for nor against the newest model, and more of it could; False
+    where nothing can be compared, as `promote` then says.
     """
     state = campaign.state()
     if not state.trained:
         return False
-    left_out = read_residuals(campaign.model_folder(state.trained[-1].number) / LEFT_OUT)
+    folder = campaign.model_folder(state.trained[-1].number)
+    if state.promoted and state.promoted[-1][1].sha256 == sha256_of(folder / MODEL):
+        return False
+    try:
+        found = _comparisons(campaign, state, read_residuals(folder / LEFT_OUT))
+    except (DataError, UsageError):
+        return False
+    return any(one.decision == "not decided" for one in found)
+
+
+def _comparisons(
+    campaign: Campaign, state: State, left_out: CrossValidationResiduals, say: Say = lambda _: None
+) -> list[ErrorRatio]:
+    """With physics alone and, unless it is the first, with the deployed model."""
     found = [_with_physics(left_out)]
     if state.promoted:
+        say("Comparing with the model in use.")
         found.append(_with_deployed_model(campaign, state, left_out))
-    return any(one.decision == "not decided" for one in found)
+    return found
 
 
 def _with_physics(left_out: CrossValidationResiduals) -> ErrorRatio:

@@ -40,8 +40,9 @@ class ChangeEvidence:
     """What is known of c changes on n rows; k joints `own`, p links.
 
     Attributes:
-        products: (h, k, m, m) of each joint's whitened columns: its own, the last link's, the command, and of
-            each change qd, friction and the links. half: (h, k) half the log determinant of the covariance.
+        products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
+            the command, and of each change qd, friction and the links. half: (h, k) half the log determinant
+            of the covariance.
         unit: (p,) kg of the columns of links. heard: (c, k) joints that have a say of each change.
     """
 
@@ -74,13 +75,16 @@ class ChangeEvidence:
         size = command.std(axis=0)
         y = ((command - command.mean(axis=0)) / size)[:, :, None]
         states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
-        L = body.links(states)[..., 0][:, own, -(most or 0) :] / size[:, None]
+        links = body.links(states)[:, own] / size[:, None, None]
+        L = links[:, :, -(most or 0) :, 0]
         X = regressors(rows, own, GRADUAL[-1])
         unit = _unit(rows.torque[:, own] / size, L)
         L = L * unit
         changed = np.concatenate([X[:, :, [VISCOUS, COULOMB]], L], axis=2)
         moved = (after[:, None, :, None] * changed[:, :, None]).reshape(*X.shape[:2], -1)
-        products, half = _products(rows, own, np.concatenate([X, L[:, :, -1:], y, moved], axis=2))
+        # what the last link carries all the time may have its centre anywhere
+        carried = links[:, :, -1, :4] * _unit(rows.torque[:, own] / size, links[:, :, -1, :4])
+        products, half = _products(rows, own, np.concatenate([X, carried, y, moved], axis=2))
         return cls(products, half, len(rows.t), unit, heard)
 
     def _columns(self, change: int) -> tuple[list[int], int, int, list[int]]:

@@ -346,6 +346,7 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     spans = _spans(rows, LOAD_CUTS)
     after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
     heard = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])[:, own]
+    heard[heard.sum(axis=1) < min(2, len(own))] = False  # one joint of several may call its friction a load
     evidence = ChangeEvidence.of(rows, own, path, body, after, heard, most=1)
     each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
     odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))

@@ -220,8 +220,9 @@ def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> De
         return None
     odds, of_all = _odds_of(clock, best), _odds_of(whole, best)
     surest = max(odds, of_all)
-    # friction that turns round over speeds looks early to the clock; to all rows it does not
-    if odds < LIKELY or of_all < 0.0 or (odds < SAID and surest < SHIFT):
+    # friction that turns round over speeds looks early to the clock; all rows deny that by more. By a little
+    # they deny a delay where friction turns round over a distance: it looks later still to them
+    if odds < LIKELY or odds + of_all < 0.0 or (odds < SAID and surest < SHIFT):
         return None
     level: Level = "note" if odds >= SAID and surest >= SHIFT else "ask"
     return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=surest)

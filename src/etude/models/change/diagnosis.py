@@ -78,14 +78,14 @@ def cause(
         rub = [np.tanh(velocity / (SLOW * _top(velocity))), velocity]
         z = error[mask, j] / deviation[mask, j]
         models = [one, static, acceleration], rub, [one]
-        left += [_left(z, np.column_stack(columns) / deviation[mask, j, None]) for columns in models]
+        left += [_rss(z, np.column_stack(columns) / deviation[mask, j, None]) for columns in models]
         squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[mask, j]))
     total = squares.sum()
     load, friction, constant = left / total if total > 0.0 else np.ones(3)
     at_link = (
         np.inf
         if expected is None or expected.carried is None or total <= 0.0
-        else (_left((error / deviation)[use], (expected.carried / deviation)[use][:, None]) / total)
+        else (_rss((error / deviation)[use], (expected.carried / deviation)[use][:, None]) / total)
     )
     if expected is not None and total > 0.0:
         sensor, leaves = _sensor(error, deviation, use, expected, squares)
@@ -113,7 +113,7 @@ def _sensor(
     if squares[j] >= ALONE * total:
         mask = use[:, j]
         scale = (expected.mean[mask, j] / deviation[mask, j])[:, None]
-        left = _left(error[mask, j] / deviation[mask, j], scale)
+        left = _rss(error[mask, j] / deviation[mask, j], scale)
         faults.append((total - float(squares[j]) + left, "gain"))
     leaves, name = min(faults)
     return name, leaves
@@ -123,10 +123,10 @@ def _encoder(error: Array, deviation: Array, use: Mask, expected: ExpectedComman
     """What the likeliest offset of one encoder leaves."""
     if not (expected.ranges > 0.0).any():
         return np.inf
-    return _left_by(error, deviation, use, expected, *encoder_offset(error, deviation, use, expected))
+    return _rss_without(error, deviation, use, expected, *encoder_offset(error, deviation, use, expected))
 
 
-def _left_by(
+def _rss_without(
     error: Array, deviation: Array, use: Mask, expected: ExpectedCommands, i: int, d: float
 ) -> float:
     z = (error - expected.without(i, d) + expected.mean) / deviation
@@ -143,7 +143,7 @@ def encoder_offset(
     from scipy.optimize import minimize_scalar
 
     def left(i: int, d: float) -> float:
-        return _left_by(error, deviation, use, expected, i, d)
+        return _rss_without(error, deviation, use, expected, i, d)
 
     moved = np.flatnonzero(expected.ranges > 0.0).tolist()
     tried = [(i, s * share * float(expected.ranges[i])) for i in moved for share in SHARES for s in (1, -1)]
@@ -160,7 +160,7 @@ def alone(error: Array, deviation: Array, use: Mask) -> int | None:
     return first if squares[first] >= ALONE * squares.sum() > 0.0 else None
 
 
-def _left(z: Array, features: Array) -> float:
+def _rss(z: Array, features: Array) -> float:
     """Squares of z (n,) that no combination of the features (n, p) explains."""
     size = np.linalg.norm(features, axis=0)
     columns = features[:, size > 0.0] / size[size > 0.0]

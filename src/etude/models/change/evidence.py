@@ -138,8 +138,8 @@ def drift_onset(sizes: Sequence[Array]) -> DriftOnset:
         return "cannot tell"
     r = np.concatenate(sizes)
     i = np.arange(len(r), dtype=float)
-    step = min(_left(r, (i >= at).astype(float)) for at in range(1, len(r)))
-    ramps = [_left(r, np.maximum(i - at, 0.0), rising=True) for at in range(len(r) - 2)]
+    step = min(_rss(r, (i >= at).astype(float)) for at in range(1, len(r)))
+    ramps = [_rss(r, np.maximum(i - at, 0.0), rising=True) for at in range(len(r) - 2)]
     return "little by little" if min(ramps) <= SMOOTHER * step else "at once"
 
 
@@ -153,7 +153,7 @@ def block_sizes(t: Array, z: Array) -> Array:
     return np.array([np.sqrt(mean[has_values][block == b].mean()) for b in np.unique(block)])
 
 
-def _left(r: Array, feature: Array, *, rising: bool = False) -> float:
+def _rss(r: Array, feature: Array, *, rising: bool = False) -> float:
     """Squares of r (n,) about a constant and so much of the feature; infinite where that falls."""
     columns = np.column_stack([np.ones_like(r), feature])
     weights = np.linalg.lstsq(columns, r, rcond=None)[0]

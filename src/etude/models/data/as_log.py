@@ -24,7 +24,7 @@ BY_THEMSELVES = (
 
 @dataclass(frozen=True)
 class Run:
-    """States as a model is asked of them.
+    """States as inputs of a model's predictions.
 
     Attributes:
         log: with what friction remembers of the rows before, where they follow one another.

@@ -78,11 +78,11 @@ def fold_mean(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """A mean function and what it says of the samples, with and without having seen them.
+    """A mean function and its predictions of the samples, trained with and without them.
 
     Attributes:
         mean: of all samples. whole: (n, J) its predictions.
-        without: by number of a fold, predictions (n, J) of the mean that has not seen that fold.
+        without: by number of a fold, predictions (n, J) of the mean trained without that fold.
     """
 
     mean: Mean
@@ -107,7 +107,7 @@ class Base:
 
 
 def fitted_base(folds: Folds, structure: str, physics: Physics) -> Base:
-    """The mean of a structure, and those that have not seen one fold each.
+    """The mean of a structure, and the means trained without one fold each.
 
     Where a fold alone moved an axis, the mean without it is that of all samples.
 
@@ -156,7 +156,7 @@ def _numbers(structure: str, values: Array, samples: Samples) -> Array:
 def process_held_out(
     folds: Folds, group: tuple[int, ...], rows: Rows, units: Array, process: Process, base: Base | None
 ) -> HeldOut:
-    """The samples kept, each predicted by physics and process that have not seen its fold."""
+    """The kept samples, each predicted by physics and process trained without its fold."""
     outputs, (offset, factor) = list(group), units
     command = folds.samples.command[:, outputs]
     error, variance = np.full_like(command, np.nan), np.full_like(command, np.nan)

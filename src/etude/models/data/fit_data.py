@@ -101,7 +101,7 @@ HEARD = ("state", "command", "plan")
 def in_order(samples: Samples) -> Samples:
     """Sorted by trajectory and time, every sample once: order and repetition of telling change nothing.
 
-    A sample is told twice if its time, states, plans, commands and masks are the same; that of the first
+    A sample is repeated if its time, states, plans, commands and masks are the same; that of the first
     trajectory stays.
     """
     log = samples.log

@@ -32,7 +32,7 @@ class Features(Protocol):
 
 @dataclass(frozen=True)
 class BayesianLinear:
-    """Linear regression before it has seen data; zero mean, so the caller centres the outputs.
+    """Linear regression before any data; zero mean, so the caller centres the outputs.
 
     Choose it when the form of the function is known, as a robot's regressor is. Its variance is honest about
     the weights and knows nothing of what the features cannot express: off the data it grows only along the

@@ -93,7 +93,7 @@ class ExactGP:
 class ExactPosterior:
     """A Gaussian process conditioned on n points (implements `protocols.Posterior`). Variances are latent.
 
-    Its factor is made when it is first asked for: of what was stored mostly a part is.
+    Its factor is computed at first use: most stored posteriors are used only in part.
 
     Attributes:
         X, y: (n, D) inputs and (n,) centred outputs.
@@ -172,10 +172,10 @@ class ExactPosterior:
         """
         if len(self.X) < FEW:
             return self.predict(X)
-        return self.mean(X), self._of_fewer.predict(X)[1]
+        return self.mean(X), self._thinned.predict(X)[1]
 
     @cached_property
-    def _of_fewer(self) -> ExactPosterior:
+    def _thinned(self) -> ExactPosterior:
         rows = slice(None, None, EVERY)
         return ExactPosterior(self.kernel, self.theta, self.noise_variance, self.X[rows], self.y[rows])
 
@@ -230,7 +230,7 @@ def posterior_given(
     Raises DataError for unusable X or y, NumericalError if the covariance is indefinite.
     """
     posterior = ExactPosterior(kernel, theta, noise_variance, *checked_data(X, y))
-    _ = posterior.alpha  # made at once: who conditions will ask, and is told here what is wrong
+    _ = posterior.alpha  # computed at once, so that errors arise here
     return posterior
 
 

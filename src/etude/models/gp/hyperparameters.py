@@ -153,7 +153,7 @@ def optimise(objective: Objective, start: Array, *, method: Method, steps: int) 
 
 
 class Likely(Protocol):
-    """A process before it has seen data."""
+    """A process before any data."""
 
     def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]: ...
 
@@ -220,7 +220,7 @@ def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
         value, gradient = first if np.array_equal(parameters, start) else objective(parameters)
         if value < best[0]:
             best = (value, parameters.copy())
-        # worse than all that was seen, but finite: the line search turns back by itself
+        # worse than all values so far, but finite: the line search turns back by itself
         return (value, gradient) if np.isfinite(value) else (abs(best[0]) * 1e3 + 1e10, gradient)
 
     bounds = [(p - REACH, p + REACH) for p in start]

@@ -291,7 +291,7 @@ class FixedInducing:
         gp: kernel, hyperparameters and noise.
         fold: (n,) what each sample is left out with; None: nothing is.
         roots_without: by folds left out, the factor of what the others teach.
-        solved: by folds left out and inputs, what `_without` said: outputs may differ.
+        solved: by folds left out and inputs, results of `_without`, for any outputs.
     """
 
     gp: ExactGP

@@ -74,7 +74,7 @@ def fit_inducing(
     prior: Prior | Literal["weak"] | None = "weak",
     learn_inputs: bool = True,
 ) -> InducingGP:
-    """Train hyperparameters, and the inducing inputs unless told not to, from those of `gp` (a warm start).
+    """Train hyperparameters, and the inducing inputs unless disabled, from those of `gp` (a warm start).
 
     As `training.fit`, with FITC's likelihood or VFE's bound. Inducing inputs move in units of the half range
     of each input, so that inputs in any unit train alike; a prior covers the hyperparameters alone.
@@ -94,10 +94,10 @@ def fit_inducing(
     objective = _objective(gp, X, y, chosen, unit)
     with threads_for(len(gp.Z)):
         start = gp.parameters[: len(unit)] / unit
-        return _moved(gp, optimise(objective, start, method=method, steps=steps) * unit)
+        return _with_parameters(gp, optimise(objective, start, method=method, steps=steps) * unit)
 
 
-def _moved(gp: InducingGP, leading: Array) -> InducingGP:
+def _with_parameters(gp: InducingGP, leading: Array) -> InducingGP:
     """The model with its first parameters replaced."""
     return gp.with_parameters(np.concatenate([leading, gp.parameters[len(leading) :]]))
 
@@ -109,7 +109,7 @@ def _objective(gp: InducingGP, X: Array, y: Array, prior: Prior | None, unit: Ar
     def objective(scaled: Array) -> tuple[float, Array]:
         parameters = scaled * unit
         try:
-            value, gradient = joint_likelihood(_moved(gp, parameters), X, y)
+            value, gradient = joint_likelihood(_with_parameters(gp, parameters), X, y)
         except NumericalError:
             return np.inf, np.zeros_like(scaled)
         gradient = gradient[: len(unit)]

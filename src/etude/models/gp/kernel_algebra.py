@@ -253,7 +253,7 @@ class Sum(_Composite):
 
 @dataclass(frozen=True)
 class Product(_Composite):
-    """k_1 · k_2 · ...; fix the amplitude of all factors but one, or they cannot be told apart."""
+    """k_1 · k_2 · ...; fix the amplitude of all factors but one, or they cannot be identified."""
 
     def initial(self, half_range: Array, scale: float) -> Array:
         first, *others = self.parts

@@ -94,31 +94,33 @@ class MemberConfig:
         return ""
 
 
-def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
+def _any_rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
     """Joints stand while others move, and inputs remember how they came there."""
     stands = standing(folds, range(len(folds.commands)))
     return bool(stands.any()) and any(op == "memory" for *_, op in folds.inputs.columns)
 
 
-def _few(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
+def _few_samples(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
     return all(len(group_rows.chosen) < FEW_SAMPLES for group_rows in rows)
 
 
-def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
+def _is_conservative(folds: Folds, rows: Sequence[Rows]) -> bool:
     """Few samples, and commands that can be of one energy: in one unit, none with the wrong sign."""
     units = folds.samples.log.channels["command"].units
-    return _few(folds, rows) and len(set(units)) == 1 and bool(np.all(work_sign(folds) > INVERTED))
+    return _few_samples(folds, rows) and len(set(units)) == 1 and bool(np.all(work_sign(folds) > INVERTED))
 
 
 CANDIDATES: dict[str, MemberConfig] = {
-    "standing": MemberConfig("standing", structures=("identified+gp", "gp"), standing=True, offered=_rests),
+    "standing": MemberConfig(
+        "standing", structures=("identified+gp", "gp"), standing=True, offered=_any_rests
+    ),
     "slow": MemberConfig(
-        "standing", structures=("identified+gp",), standing=True, own_data=True, offered=_rests
+        "standing", structures=("identified+gp",), standing=True, own_data=True, offered=_any_rests
     ),
     "ripple": MemberConfig("structured", structures=("identified+gp",), own_data=True),
-    "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
+    "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few_samples),
     "all_lin": MemberConfig(
-        "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
+        "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_is_conservative
     ),
 }
 """Beside "default", by the name that `model.candidates` gives."""
@@ -166,7 +168,7 @@ def beside_default(
                 compared = None if len(commands) > 1 else compared_samples(folds, commands[0], defaults)
                 structures.append(_learned(source, commands, name, structure, base, rng, previous, compared))
                 if CANDIDATES[name].own_data and base is not None:
-                    structures.append(_alone(source, structures[-1], base))
+                    structures.append(_without_process(source, structures[-1], base))
     return structures, broken
 
 
@@ -185,7 +187,7 @@ def _structures(
     return offered[:1] if folds.config.stacks else offered
 
 
-def _alone(folds: Folds, twin: LearnedStructure, base: Base) -> LearnedStructure:
+def _without_process(folds: Folds, twin: LearnedStructure, base: Base) -> LearnedStructure:
     """The mean function of a candidate by itself."""
     candidate = twin.candidate
     structure = base_of(candidate.structure)
@@ -209,8 +211,8 @@ def _learned(
         samples = replace(samples, moving=samples.moving | resting(folds))
     member_folds = replace(folds, samples=samples, config=member_config.config(folds.config))
     rows = rows_of(member_folds, group, rng, any_of=member_config.together)
-    if member_config.standing:  # at rest little is told of the motion, so those samples come on top
-        rows = _beside(rows_of(replace(member_folds, samples=folds.samples), group, rng), rows, folds, group)
+    if member_config.standing:  # samples at rest show little of the motion, so they are added
+        rows = _merged(rows_of(replace(member_folds, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, structure, group, folds, name)
     learned = with_process(member_folds, group, rows, structure, base, start, rng, compared)
     return replace(learned, candidate=replace(learned.candidate, name=name))
@@ -231,7 +233,7 @@ def resting(folds: Folds) -> Mask:
     return np.asarray(rests)
 
 
-def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> Rows:
+def _merged(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> Rows:
     """The rows of moving joints, and of the others those at rest."""
     rests = np.asarray(~folds.samples.moving[:, list(group)].all(axis=1))
 
@@ -245,9 +247,9 @@ def everywhere(folds: Folds, learned: LearnedStructure, compared: Mask) -> tuple
     """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
 
     Each candidate is conditioned on samples of its own, so that together they use more of them. All are
-    compared on the same ones: those by which candidates are judged, or what the default held out, `compared`
-    (n, J), beside standing joints. Without a judge what learns all commands together, from few samples, is
-    compared by what it held out itself.
+    compared on the same ones: those that score candidates, or what the default held out, `compared`
+    (n, J), beside standing joints. Without scored samples, a candidate of all commands, learned from few
+    samples, is compared by what it held out itself.
     """
     candidate, held = learned.candidate, learned.held
     outputs, process = list(candidate.commands), candidate.process

@@ -16,7 +16,7 @@ PHYSICAL = ("nominal", "identified")
 
 
 class Means:
-    """What the means say of a log, each asked once."""
+    """Predictions of the mean functions for a log, each computed once."""
 
     def __init__(self, log: Log, *, static: bool = False) -> None:
         self.log, self._static = log, static

@@ -142,10 +142,10 @@ def select_structures(
 def prequential(
     model: LearnedModel, new: Samples, trained: Samples | None = None, together: str = ""
 ) -> dict[str, PredictionScore]:
-    """Score of each structure of an earlier model on motion that it has not seen.
+    """Score of each structure of an earlier model on motion that it was not trained on.
 
     Args:
-        trained: what it had seen, for the log loss.
+        trained: its training samples, for the log loss.
         together: name of one more score where several structures are in use: of these; "": none.
     """
     predictions = model.posteriors(new.log)
@@ -484,7 +484,7 @@ class CrossValidationResiduals:
     Attributes:
         rows: (n,) places among the samples in order (`rows.in_order`).
         group: (n,) segment.
-        error: (n, J) what was asked less prediction, command units.
+        error: (n, J) command less prediction, command units.
         variance: (n, J) predicted, noise and calibration included.
         physics: (n, J) error of physics alone; of a model that is no more than these, of what there was
             before: the model file's physics, else a constant command.
@@ -506,9 +506,9 @@ class CrossValidationResiduals:
 
 
 def residuals_of(selection: ModelSelection) -> CrossValidationResiduals:
-    """Those samples of a training of which something was said."""
+    """The cross-validation residuals of a training, without samples that no fold predicted."""
     held = selection.left_out
-    structure, physics = _before(selection)
+    structure, physics = _baseline_errors(selection)
     rows = np.flatnonzero(np.isfinite(held.error).any(axis=1))
     moments = held.error[rows], held.variance[rows]
     return CrossValidationResiduals(rows, selection.samples.group[rows], *moments, physics[rows], structure)
@@ -518,7 +518,7 @@ SAME = 0.05
 """Part of an error by which it differs from that of physics, below which the command is physics alone."""
 
 
-def _before(selection: ModelSelection) -> tuple[str, Array]:
+def _baseline_errors(selection: ModelSelection) -> tuple[str, Array]:
     """What the choice is compared with, and its errors (n, J): physics alone; of commands that are no more
     than these, what there was before. A model is not held against itself.
     """

@@ -22,7 +22,7 @@ class LearnedStructure:
     """A structure of one group of commands, and what it says of samples held out.
 
     Attributes:
-        held: of those that it was conditioned on. beside: of others that were wanted; None: of none.
+        held: of those that it was conditioned on. beside: of further samples; None: of none.
         base: its mean function; None: of a process on the commands themselves.
     """
 
@@ -128,11 +128,11 @@ def _with_process(
         if config.floor_of == "deviation":
             start = process
     assert learned is not None
-    return learned if compared is None else _also_at(learned, folds, compared)
+    return learned if compared is None else _with_further_samples(learned, folds, compared)
 
 
-def _also_at(learned: LearnedStructure, folds: Folds, compared: Mask) -> LearnedStructure:
-    """The structure with its held-out errors at those wanted samples that have none yet."""
+def _with_further_samples(learned: LearnedStructure, folds: Folds, compared: Mask) -> LearnedStructure:
+    """The structure with held-out errors at the compared samples that have none yet."""
     candidate = learned.candidate
     assert candidate.process is not None
     more = replace(learned.rows, kept=np.flatnonzero(compared & ~np.isfinite(learned.held.error).all(axis=1)))

@@ -27,7 +27,7 @@ PRIOR_LOGS, PRIOR_SPREAD = 4.0, 0.9
 SECOND_LOG = 2.8
 """z2 of the next log over that of blocks of a single one, geometric mean across robots."""
 COVERED = 0.95
-"""Of the intervals that are told."""
+"""Coverage of the predicted intervals."""
 NARROWEST = 0.1
 """Least factor: errors that are nothing at all leave no variance."""
 NODES = 40
