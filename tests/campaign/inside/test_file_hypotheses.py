@@ -277,6 +277,31 @@ def test_a_load_that_is_carried_all_the_time_does_not_change(
     assert "contradiction" not in found(path, lab)
 
 
+@pytest.mark.parametrize("kg", [pytest.param(0.0, marks=pytest.mark.slow), 0.4])
+def test_a_load_is_found_beside_friction_that_turns_round_over_a_distance(
+    kg: float, lab: Campaign, tmp_path: Path
+) -> None:
+    """Gears that give way by 10 mrad (Dahl 1968) in a motion at half speed; a load from the middle on."""
+    motion, body = random_motion(lab, 1), body_of(lab.kind, lab.spec)
+    t = np.arange(0.0, 4.0 * motion.duration, 0.02)
+    orders = [
+        part / 2.0**i for i, part in enumerate(motion.motion((0.5 * t) % motion.duration, 3).orders[:3])
+    ]
+    states = Log(t, {}, {}, "states")
+    for channel, values in zip(lab.channels, orders, strict=False):
+        states = states.put(channel, values)
+    bent = np.zeros_like(orders[0])
+    for i, step in enumerate(np.diff(orders[0], axis=0), 1):
+        bent[i] = np.sign(step) + (bent[i - 1] - np.sign(step)) * np.exp(-np.abs(step) / 0.01)
+    load = kg * body.links(states)[:, :, -1, 0] * (t > 0.5 * t[-1])[:, None]  # type: ignore[union-attr]
+    command = body.predict(states) + FRICTION * bent + load  # type: ignore[union-attr]
+    checks = found(saved(tmp_path / "run.csv", t, orders[0], command, 1), lab)
+    said = [f.sentence for f in checks.values() if f.flag]
+    assert [float(re.findall(r"carries ([\d.]+) kg more", own)[0]) for own in said] == pytest.approx(
+        [kg] * (kg > 0.0), abs=0.05
+    )
+
+
 @pytest.mark.slow
 def test_two_robots_in_one_log_are_asked_about(lab: Campaign, bare: Campaign, tmp_path: Path) -> None:
     one = log_of(tmp_path / "one.csv", lab)
