@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from etude.abilities import SupportsVariations
-from etude.logs.checks.exact import CERTAIN
 from etude.logs.checks.filtered_motion import measured_rates, states_of
 from etude.logs.checks.finding_texts import accepted, named
 from etude.logs.checks.velocities import clock_finding
@@ -262,6 +261,7 @@ def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
 
 
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
+CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms had 18
 
 
 def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
@@ -274,7 +274,7 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     weight, rest = fit.rows.static, fit.rows.torque - fit.rows.static
     odds = {scale: fit.score(weight + scale**2 * rest) - fit.score(weight + rest) for scale in CLOCKS}
     best = max(odds, key=lambda scale: odds[scale])
-    if odds[best] < CERTAIN:
+    if odds[best] < CLOCK_ODDS:
         return None
     fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
     found = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
