@@ -207,6 +207,7 @@ CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is sil
 PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
 GRIPS = float(np.log(0.01))  # that a load is taken up or put down in it
 TAKEN_UP = 6.0  # log odds of that: right logs had 4.9 at most, loads of 0.2 kg 6 to 130
+LEAST_LOAD = 0.05  # of one that moves commands as the file does: right logs had 0.034, loads of 0.2 kg 0.069
 TURNS = 30.0  # log odds of a sign that turns: right logs had 17 at most, turned ones 38 to 480
 ROWS_APART = 0.2  # s, of rows of several logs
 MOST_OF = 0.8  # of what other masses gain, by a load: then it is a load
@@ -350,10 +351,11 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     evidence = ChangeEvidence.of(rows, own, path, body, after, heard, most=1)
     each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
     odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))
-    if odds < TAKEN_UP:
+    taken = float(kg[each.argmax()])
+    if odds < TAKEN_UP or abs(taken) < LEAST_LOAD * evidence.unit[-1]:
         return None
     none = np.zeros(len(path.parts), dtype=np.bool_)
-    return Change("load", none, _span(spans, each), odds, float(kg[each.argmax()]))
+    return Change("load", none, _span(spans, each), odds, taken)
 
 
 def _goes_on(q: Array, some: Mask) -> Mask:
