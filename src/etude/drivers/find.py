@@ -65,17 +65,17 @@ def find_driver(
 
 def _resolved(on: str) -> tuple[Any, str]:
     """(factory, address); nothing of it is called."""
-    name, _, rest = on.partition(":")
+    name, _, argument = on.partition(":")
     if name in names(GROUP):
-        return load(GROUP, name), rest
+        return load(GROUP, name), argument
     if name.endswith(".py"):
-        attribute, _, address = rest.partition(":")
+        attribute, _, address = argument.partition(":")
         return of_group(GROUP, f"{name}:{attribute}", _of_file(name, attribute)), address
-    attribute, _, address = rest.partition(":")
+    attribute, _, address = argument.partition(":")
     if FULL_NAME.fullmatch(f"{name}:{attribute}"):
         return load(GROUP, f"{name}:{attribute}"), address
-    known = ", ".join(names(GROUP)) or "none"
-    raise UsageError(f"there is no driver {on!r}", next_step=f"Name it as {FORMS}. Known: {known}.")
+    installed = ", ".join(names(GROUP)) or "none"
+    raise UsageError(f"there is no driver {on!r}", next_step=f"Name it as {FORMS}. Known: {installed}.")
 
 
 def _of_file(name: str, attribute: str) -> Any:
@@ -110,8 +110,8 @@ def _of_file(name: str, attribute: str) -> Any:
 
 def _lacking(driver: Any) -> str:
     """What it lacks of a Stream."""
-    wanted = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
-    return ", ".join(name for name in wanted if not hasattr(driver, name)) or "nothing"
+    members = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
+    return ", ".join(name for name in members if not hasattr(driver, name)) or "nothing"
 
 
 def require_known(settings: Mapping[str, Any], keys: Sequence[str], driver: str) -> None:

@@ -74,12 +74,12 @@ def read_recording(path: Path) -> Recording:
 
 def _header(recording: Recording) -> dict[str, Any]:
     motion = {name: getattr(recording.motion, name) for name in MOTION}
-    own = {name: getattr(recording, name) for name in OWN}
+    facts = {name: getattr(recording, name) for name in OWN}
     return {
         "format": FORMAT,
         **motion,
         "until": recording.motion.duration,
-        **own,
+        **facts,
         "ended": recording.ended.value,
     }
 
@@ -104,10 +104,10 @@ def _recording(header: dict[str, Any], frame: Any) -> Recording:
         values: Array = frame.select(names).to_numpy().astype(float).reshape(len(frame), len(joints))
         return values
 
-    own = {name: header[name] for name in OWN}
+    facts = {name: header[name] for name in OWN}
     rows = {"t", "at", *(f"{channel}_{joint}" for channel in CHANNELS for joint in joints)}
     return Recording(
-        **{**own, "held": tuple(tuple(span) for span in own["held"])},
+        **{**facts, "held": tuple(tuple(span) for span in facts["held"])},
         motion=motion,
         ended=Ended(header["ended"]),
         t=frame["t"].to_numpy(),

@@ -40,8 +40,8 @@ class SetPoint:
 
 def acceleration_limits(motion: PlannedMotion, about: About) -> Array:
     """(J,) what brakings may use: the motion's own peaks at full speed, and what the robot enforces."""
-    own: Array = np.abs(motion.qdd).max(axis=0) * (100.0 / motion.speed) ** 2
-    return own if about.acceleration is None else np.minimum(own, about.acceleration)
+    peaks: Array = np.abs(motion.qdd).max(axis=0) * (100.0 / motion.speed) ** 2
+    return peaks if about.acceleration is None else np.minimum(peaks, about.acceleration)
 
 
 def room_to_catch_up(motion: PlannedMotion, about: About) -> Mask:
@@ -87,22 +87,26 @@ class PathInTime:
         return min(int(s * self.rate + ON_A_ROW), self.last)
 
     def _row(self, row: int) -> tuple[Array, Array, Array, Array | None]:
-        own = self.motion
-        effort = None if own.effort is None else own.effort[row]
-        return own.q[row], own.qd[row], own.qdd[row], effort
+        motion = self.motion
+        effort = None if motion.effort is None else motion.effort[row]
+        return motion.q[row], motion.qd[row], motion.qdd[row], effort
 
     def _between(self, row: int, u: float) -> tuple[Array, Array, Array, Array | None]:
         if row >= self.last:
             return self._row(self.last)
-        own, h = self.motion, float(self.motion.t[row + 1] - self.motion.t[row])
-        q, qd, qdd = own.q[row], own.qd[row], own.qdd[row]
+        motion, h = self.motion, float(self.motion.t[row + 1] - self.motion.t[row])
+        q, qd, qdd = motion.q[row], motion.qd[row], motion.qdd[row]
         # what is left at the next row after the parabola of this one
-        d = own.q[row + 1] - (q + h * (qd + 0.5 * h * qdd))
-        dd = h * (own.qd[row + 1] - (qd + h * qdd))
-        ddd = h * h * (own.qdd[row + 1] - qdd)
+        d = motion.q[row + 1] - (q + h * (qd + 0.5 * h * qdd))
+        dd = h * (motion.qd[row + 1] - (qd + h * qdd))
+        ddd = h * h * (motion.qdd[row + 1] - qdd)
         c3, c4, c5 = 10 * d - 4 * dd + 0.5 * ddd, -15 * d + 7 * dd - ddd, 6 * d - 3 * dd + 0.5 * ddd
         x = u / h
-        effort = None if own.effort is None else own.effort[row] + x * (own.effort[row + 1] - own.effort[row])
+        effort = (
+            None
+            if motion.effort is None
+            else motion.effort[row] + x * (motion.effort[row + 1] - motion.effort[row])
+        )
         return (
             q + u * (qd + 0.5 * u * qdd) + x**3 * (c3 + x * (c4 + x * c5)),
             qd + u * qdd + x**2 / h * (3 * c3 + x * (4 * c4 + x * 5 * c5)),
@@ -116,9 +120,9 @@ class PathInTime:
         No change is inside them at any pace up to 1, since the motion itself is.
         """
         row = self.row(s)
-        qd, own = self.motion.qd[row], self.motion.qdd[row] * (pace * pace)
+        qd, qdd = self.motion.qd[row], self.motion.qdd[row] * (pace * pace)
         moving = np.where(np.abs(qd) > 1e-9, qd, 1e-9)
-        ends = (-limits - own) / moving, (limits - own) / moving
+        ends = (-limits - qdd) / moving, (limits - qdd) / moving
         return min(float(np.minimum(*ends).max()), 0.0), max(float(np.maximum(*ends).min()), 0.0)
 
 
@@ -140,11 +144,11 @@ class Pace:
             self.change = 0.0
             return
         left = self.end - self.now
-        wanted = float(np.sign(left) * np.sqrt(2.0 * PACE_CURVATURE * abs(left)))
+        slope = float(np.sign(left) * np.sqrt(2.0 * PACE_CURVATURE * abs(left)))
         step = PACE_CURVATURE * tick
-        wanted = min(max(wanted, self.change - step), self.change + step)
+        slope = min(max(slope, self.change - step), self.change + step)
         low, high = path.room(s, self.now, limits)
-        self.change = min(max(wanted, low), high)
+        self.change = min(max(slope, low), high)
         self.now += self.change * tick
         if abs(self.end - self.now) < LANDED or (self.end - self.now) * left < 0.0:
             self.now = self.end
@@ -169,9 +173,9 @@ class PathClock:
         """s of this cycle. robot, ours: s that the clocks went on; room: the path may be faster here."""
         even, step = 0.5 * self.period, CATCH_UP_RAMP * self.period
         beyond = self.lag - min(max(self.lag, -even), even)
-        wanted = 1.0 + min(max(beyond / CATCH_UP_IN, -CATCH_UP), CATCH_UP if room else 0.0)
+        target = 1.0 + min(max(beyond / CATCH_UP_IN, -CATCH_UP), CATCH_UP if room else 0.0)
         before = self.speed
-        self.speed = min(max(wanted, before - step), before + step)
+        self.speed = min(max(target, before - step), before + step)
         self.change = (self.speed - before) / self.period
         passed = (1.0 + CATCH_UP) * min(robot, ours)
         self._early = min(self._early + passed, EARLY * self.period)
@@ -193,14 +197,14 @@ class Stopping:
 
     def at(self, u: float) -> SetPoint:
         """u: s since it began; the end stays."""
-        own, left = self.start, min(u, self.span)
-        q, qd, qdd = own.q, own.qd, own.qdd
-        for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * own.q)):
+        start, left = self.start, min(u, self.span)
+        q, qd, qdd = start.q, start.qd, start.qdd
+        for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * start.q)):
             length = part * self.span
             h = min(max(left, 0.0), length)
             jerk = (end - qdd) / length
             q = q + h * (qd + h * (0.5 * qdd + h * jerk / 6.0))
             qd, qdd = qd + h * (qdd + 0.5 * h * jerk), qdd + h * jerk
             left -= length
-        rest = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
-        return SetPoint(q, rest * qd, rest * qdd, own.effort, own.at)
+        is_moving = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
+        return SetPoint(q, is_moving * qd, is_moving * qdd, start.effort, start.at)

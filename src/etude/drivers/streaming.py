@@ -200,16 +200,16 @@ class _Run:
 
     def _effort(self) -> Array | None:
         """Of the set-point. What was learned of accelerations goes with the speed that braking takes away."""
-        effort, own = self.point.effort, self.path.at(self.point.at)
+        effort, on_path = self.point.effort, self.path.at(self.point.at)
         if effort is None or not self.about.learned_as:
             return effort
-        speed = float(np.linalg.norm(own.qd))
+        speed = float(np.linalg.norm(on_path.qd))
         return effort if speed == 0.0 else effort * (float(np.linalg.norm(self.point.qd)) / speed)
 
     def _filled(self, sample: Sample) -> Sample:
-        own = own_arrays(sample)
-        asked = self.point.q if own.asked is None else own.asked
-        return replace(own, asked=asked, at=self.point.at, seen=self.clock.now)
+        copy = own_arrays(sample)
+        asked = self.point.q if copy.asked is None else copy.asked
+        return replace(copy, asked=asked, at=self.point.at, seen=self.clock.now)
 
     def _over(self, sample: Sample, reaction: Reaction) -> bool:
         """Whether nothing more is sent; else a stop begins where there is a reason."""
@@ -326,12 +326,12 @@ class _Clock:
         if not self.virtual and not self._blocks and self._cycles >= 4:  # first: does it wait by itself?
             self._due = max(self._due + self.period, self.now)
             time.sleep(max(self._due - time.monotonic(), 0.0))
-        asked = time.monotonic()
+        start = time.monotonic()
         sample = state()
         self.beat = time.monotonic()
         self._cycles += 1
         self.now = self.now + self.period if self.virtual else self.beat
-        self._blocks = self._blocks or self.beat - asked > 0.5 * self.period
+        self._blocks = self._blocks or self.beat - start > 0.5 * self.period
         self._tell(sample.t, self.now - before)
         return sample
 

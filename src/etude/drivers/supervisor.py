@@ -32,12 +32,12 @@ class _Check:
     """A quantity that must not be beyond its bound for longer than for_s.
 
     quantity: from a sample to (J,) or a number; None: it cannot be told from this one. bound: of its size.
-    words: for the reason, with {name}, {value} and {bound}.
+    sentence: for the reason, with {name}, {value} and {bound}.
     """
 
     quantity: Callable[[Sample], Array | float | None]
     bound: Array | float
-    words: str
+    sentence: str
     for_s: float
     since: float | None = None
 
@@ -93,13 +93,14 @@ class Supervisor:
     def watch(self, sample: Sample) -> Reaction:
         """What the robot has to do now. STOP for ever, once it is said."""
         if not sample.seen:
-            sample = _seen(sample)
+            sample = _stamped(sample)
         if not self.reason:
             self._note_error(sample)
-            self.reason = self._found(sample)
+            self.reason = self._violation(sample)
         return Reaction.STOP if self.reason else Reaction.GO
 
-    def _found(self, sample: Sample) -> str:
+    def _violation(self, sample: Sample) -> str:
+        """Sentence on the first bound that the sample leaves; "" if it leaves none."""
         if sample.fault:
             return f"{self.about.name} reports: {sample.fault}"
         for check in self._checks:
@@ -108,7 +109,7 @@ class Supervisor:
                 joint, value, bound = beyond
                 where = "" if sample.at is None else f" at {sample.at:.2f} s of the motion"
                 name = self.about.joints[joint]
-                return check.words.format(name=name, value=value, bound=bound) + where
+                return check.sentence.format(name=name, value=value, bound=bound) + where
         return ""
 
     def _made(self, bounds: Bounds) -> list[_Check]:
@@ -132,11 +133,11 @@ class Supervisor:
             ),
         ]
         if bounds.effort is not None:
-            words = "the command of {name} is {value:.3g}, more than {bound:.3g}"
-            checks.append(_Check(_effort, bounds.effort, words, hold))
+            sentence = "the command of {name} is {value:.3g}, more than {bound:.3g}"
+            checks.append(_Check(_effort, bounds.effort, sentence, hold))
         if bounds.residual is not None and self._predicted is not None:
-            words = "the command of {name} is {value:.3g} off what was learned, more than {bound:.3g}"
-            checks.append(_Check(self._mean_residual, bounds.residual, words, hold))
+            sentence = "the command of {name} is {value:.3g} off what was learned, more than {bound:.3g}"
+            checks.append(_Check(self._mean_residual, bounds.residual, sentence, hold))
         return checks
 
     def _note_error(self, sample: Sample) -> None:
@@ -249,7 +250,7 @@ def _effort(sample: Sample) -> Array | None:
     return None if sample.command is None else np.abs(sample.command)
 
 
-def _seen(sample: Sample) -> Sample:
+def _stamped(sample: Sample) -> Sample:
     return replace(sample, seen=time.monotonic())
 
 

@@ -20,21 +20,22 @@ def refusals(motion: PlannedMotion, about: About) -> Sequence[str]:
         return [
             f"the motion is of {', '.join(motion.joints)}, not of {', '.join(about.joints)} in this order"
         ]
-    found = []
+    sentences = []
     steps = np.diff(motion.t) * about.rate
     if motion.t[0] != 0.0 or not np.allclose(steps[:-1], 1.0, atol=1e-6) or not np.all(steps <= 1.0 + 1e-6):
-        found.append(f"the rows of the motion are not {about.rate:g} Hz from 0")
+        sentences.append(f"the rows of the motion are not {about.rate:g} Hz from 0")
     if motion.effort is not None and "learned" not in about.controls:
-        found.append(f"{about.name} takes no effort beside set-points")
-    for words, values, lower, upper in _limited(motion, about):
-        found += _left(words, values, lower, upper, motion)
-    return found
+        sentences.append(f"{about.name} takes no effort beside set-points")
+    for quantity, values, lower, upper in _limited(motion, about):
+        sentences += _left(quantity, values, lower, upper, motion)
+    return sentences
 
 
 def velocity_range(envelope: VelocityEnvelope, q: Array) -> tuple[Array, Array]:
     """(n, J) lowest and highest velocity at positions q (n, J)."""
-    own = envelope.offset, envelope.slope, envelope.most
-    return -envelope_speed(q - envelope.lower, *own)[0], envelope_speed(envelope.upper - q, *own)[0]
+    parameters = envelope.offset, envelope.slope, envelope.most
+    down, up = (envelope_speed(room, *parameters)[0] for room in (q - envelope.lower, envelope.upper - q))
+    return -down, up
 
 
 def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:
@@ -51,16 +52,16 @@ def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, 
     if motion.effort is not None:
         rates = np.diff(motion.effort, axis=0) / np.diff(motion.t)[:, None]
         sizes.append(("rate of the command", rates, about.torque_rate))
-    rows += [(words, values, -limit, limit) for words, values, limit in sizes if limit is not None]
+    rows += [(quantity, values, -limit, limit) for quantity, values, limit in sizes if limit is not None]
     if about.envelope is not None:
         rows.append(("velocity at its position", motion.qd, *velocity_range(about.envelope, motion.q)))
     return rows
 
 
-def _left(words: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion) -> Sequence[str]:
+def _left(quantity: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion) -> Sequence[str]:
     """A sentence for the joint that is furthest outside."""
     if not np.isfinite(values).all():
-        return [f"the {words} of the motion is no number somewhere"]
+        return [f"the {quantity} of the motion is no number somewhere"]
     lower, upper = np.broadcast_to(lower, values.shape), np.broadcast_to(upper, values.shape)
     beyond = np.maximum(values - upper, lower - values)
     allowed = SLACK * np.where(values > 0, np.abs(upper), np.abs(lower))
@@ -70,6 +71,6 @@ def _left(words: str, values: Array, lower: Array, upper: Array, motion: Planned
         return []
     limit = upper[row, joint] if values[row, joint] > upper[row, joint] else lower[row, joint]
     return [
-        f"the {words} of {motion.joints[joint]} is {values[row, joint]:.4g} at {motion.t[row]:.2f} s, "
+        f"the {quantity} of {motion.joints[joint]} is {values[row, joint]:.4g} at {motion.t[row]:.2f} s, "
         f"and {limit:.4g} is its limit"
     ]

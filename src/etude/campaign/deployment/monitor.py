@@ -131,7 +131,7 @@ def _watch_log(
 ) -> WatchedLog:
     try:
         questions = questions_of(campaign, campaign.state(), answers)
-        log = start_at_zero(read(campaign, path, degrees=degrees, asked=questions))
+        log = start_at_zero(read(campaign, path, degrees=degrees, questions=questions))
         group = np.zeros(len(log), dtype=np.int64)
         samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
         return of_samples(

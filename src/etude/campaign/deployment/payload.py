@@ -78,7 +78,7 @@ def payload(
     # a load multiplies the torque of a wrist, which looks like another unit
     answers = answers_of(campaign.state(), (*accept, SCALE), repair)
     questions = questions_of(campaign, campaign.state(), answers)
-    rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=questions))
+    rows = start_at_zero(read(campaign, Path(log), degrees=degrees, questions=questions))
     group = np.zeros(len(rows), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [rows], [group])
     try:

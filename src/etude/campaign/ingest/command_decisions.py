@@ -42,12 +42,12 @@ class Step:
 
 
 def decided(
-    new: Sequence[Log], told: Mapping[int, Log], answer: Answer, body: Mean | None
+    new: Sequence[Log], earlier: Mapping[int, Log], answer: Answer, body: Mean | None
 ) -> tuple[list[Step], Decision | None]:
     """The steps of new logs, and the last decision; none where commands act on no joint.
 
     Args:
-        new: new logs, after repairs of their motion. told: earlier logs by number, as they are stored.
+        new: new logs, after repairs of their motion. earlier: logs by number, as they are stored.
         answer: "accept", "repair" or "" to a finding.
         body: commands predicted by the model file alone.
     """
@@ -58,40 +58,40 @@ def decided(
     from etude.logs.evidence.contradictions import CONTRADICTS
     from etude.logs.evidence.findings import finding_of
 
-    numbers = [number for number, log in told.items() if joints(log) is not None]
-    old = [told[number] for number in numbers]
+    numbers = [number for number, log in earlier.items() if joints(log) is not None]
+    old = [earlier[number] for number in numbers]
     logs, sources = list(new), [*(f"log {n}" for n in numbers), *(log.source for log in new)]
     force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
     fresh = range(len(old), len(old) + len(new))
     steps: list[Step] = []
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
-        found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
-        changes = [] if CONTRADICTS in accepted else _changes(logs, path, body, answer, found)
+        decision = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
+        changes = [] if CONTRADICTS in accepted else _changes(logs, path, body, answer, decision)
         steps += changes
         if any(step.what == "open" for step in changes):
-            return steps, found if found.level == "silent" else None
+            return steps, decision if decision.level == "silent" else None
         if changes:
             continue
-        if found.level == "silent":
-            return steps, found
-        finding = finding_of(found, path.parts, sources, old)
-        own = frozenset(i - len(old) for i in found.logs if i >= len(old))
-        if not own and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
-            finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in found.logs)))
+        if decision.level == "silent":
+            return steps, decision
+        finding = finding_of(decision, path.parts, sources, old)
+        indices = frozenset(i - len(old) for i in decision.logs if i >= len(old))
+        if not indices and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
+            finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in decision.logs)))
         again = any(step.finding == finding for step in steps)
-        whole = len(own) == len(found.logs) and isinstance(finding, Mendable)
-        what = "open" if again else _what(found, answer(finding), whole)
-        steps.append(Step(what, finding, own or frozenset(range(len(new)))))
+        whole = len(indices) == len(decision.logs) and isinstance(finding, Mendable)
+        what = "open" if again else _what(decision, answer(finding), whole)
+        steps.append(Step(what, finding, indices or frozenset(range(len(new)))))
         if what == "open":
-            return steps, found
+            return steps, decision
         if what != "accept":
-            logs = [repaired(log, finding) if i in own else log for i, log in enumerate(logs)]
-    return steps, found
+            logs = [repaired(log, finding) if i in indices else log for i, log in enumerate(logs)]
+    return steps, decision
 
 
 def _changes(
-    logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer, found: Decision
+    logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer, decision: Decision
 ) -> list[Step]:
     """Steps of what changes within single logs, where it explains more than the decision on whole logs.
 
@@ -102,7 +102,11 @@ def _changes(
     steps = []
     for i, log in enumerate(logs):
         change = change_within(log, path, body)
-        if change is None or change.odds <= found.odds or (found.level != "silent" and change.kind != "sign"):
+        if (
+            change is None
+            or change.odds <= decision.odds
+            or (decision.level != "silent" and change.kind != "sign")
+        ):
             continue
         finding = change_finding(change, log, path.parts)
         what: Literal["accept", "open"] = "accept" if answer(finding) == "accept" else "open"
@@ -110,9 +114,9 @@ def _changes(
     return steps
 
 
-def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
+def _what(decision: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
     """Outcome of a decision. whole: a repair corrects every log that the decision concerns."""
-    if found.level == "note":
+    if decision.level == "note":
         return "accept" if answer == "accept" else "note"
     if answer == "repair" and not whole:
         return "open"
@@ -123,13 +127,13 @@ def told_logs(campaign: Campaign, state: State) -> dict[int, Log]:
     """The newest ingested logs, by number; damaged ones are left out, and training reports them."""
     if not any(c.acts_on for c in campaign.channels):
         return {}
-    found = {}
-    for known in state.ingested[-MOST_TOLD:]:
+    logs = {}
+    for ingested in state.ingested[-MOST_TOLD:]:
         try:
-            found[known.number] = stored_log(campaign, known.number)
+            logs[ingested.number] = stored_log(campaign, ingested.number)
         except EtudeError:
             continue
-    return found
+    return logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +141,17 @@ class Survey:
     """Files that are ingested together, checked before any of them is stored.
 
     Attributes:
-        logs: by file, after repairs of their motion. told, answer, body: as in `decided`.
+        logs: by file, after repairs of their motion. earlier, answer, body: as in `decided`.
     """
 
     logs: Mapping[Path, Log]
-    told: Mapping[int, Log]
+    earlier: Mapping[int, Log]
     answer: Answer
     body: Mean | None
 
     @cached_property
     def _steps(self) -> list[Step]:
-        steps = decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+        steps = decided(list(self.logs.values()), self.earlier, self.answer, self.body)[0]
         odd = None if any(step.what == "open" for step in steps) else self._contradiction(steps)
         if odd is None:
             return steps

@@ -32,31 +32,35 @@ def take_run(
     run = how["confirm"]
     if run not in RUNS:
         raise UsageError(f"--confirm {run}: no such run", next_step=f"Runs: {', '.join(RUNS)}.")
-    known = [r.number for r in reversed(state.confirmations)]
-    if not known or (number is not None and number not in known):
+    numbers = [r.number for r in reversed(state.confirmations)]
+    if not numbers or (number is not None and number not in numbers):
         raise UsageError(
             "no such motion to confirm was asked for",
             where=str(campaign.path),
             next_step=f"etude ask {typed(campaign.path)} --confirm.",
         )
-    again = [n for n in known if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
+    again = [n for n in numbers if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
     if again:
         return IngestResult(again[0], True, False, (), (), run=run)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = questions_of(campaign, state, answers)
-    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    questions = questions_of(campaign, state, answers)
+    log = read(
+        campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), questions=questions
+    )
     evidence = evidence_in(campaign, path)
     if evidence is None:
-        number, aligned = _confirming(campaign, log, known if number is None else [number])
+        number, aligned = _confirming(campaign, log, numbers if number is None else [number])
     else:
-        number, aligned = _sent(campaign, evidence, log, known, path)
+        number, aligned = _sent(campaign, evidence, log, numbers, path)
     sent = Sent.of(campaign, number)
-    found = measured_run(campaign, aligned, stored_trajectory(campaign, number), run, sent)
+    confirmed = measured_run(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
-    found = replace(found, sha256=digest, source=path.name, repairs=aligned.repairs)
-    campaign.commit(found, number, [place])
-    return IngestResult(number, False, False, aligned.repairs, (), findings=tuple(asked.accepted), run=run)
+    confirmed = replace(confirmed, sha256=digest, source=path.name, repairs=aligned.repairs)
+    campaign.commit(confirmed, number, [place])
+    return IngestResult(
+        number, False, False, aligned.repairs, (), findings=tuple(questions.accepted), run=run
+    )
 
 
 def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:
@@ -83,11 +87,11 @@ def _sent(
 
 def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> None:
     """Raise DataError for a run of a confirmation or weighing motion, which must not be used for training."""
-    known = [r.number for r in reversed((*state.confirmations, *state.weighings))]
-    if not known or campaign.kind.path not in log:
+    numbers = [r.number for r in reversed((*state.confirmations, *state.weighings))]
+    if not numbers or campaign.kind.path not in log:
         return
     try:
-        number = _confirming(campaign, log, known)[0]
+        number = _confirming(campaign, log, numbers)[0]
     except DataError:
         return
     if state.rounds[number].weighs:
@@ -120,12 +124,12 @@ def measured_run(
         raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
     log = log.take(inside)
     units = campaign.channel(path).units
-    found = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}
+    figures = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}
     if sent is not None:
         use = moving(trajectory, log.t, sent.trained)
-        found["moving"] = errors(log, path, trajectory, use)
-        found |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
-    shown = {name: _shown(values, units) for name, values in found.items()}
+        figures["moving"] = errors(log, path, trajectory, use)
+        figures |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
+    shown = {name: _shown(values, units) for name, values in figures.items()}
     return Confirmed(
         run=run,
         error=shown["error"],
@@ -147,16 +151,16 @@ class Sent:
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> Sent | None:
         """The feedforward of a proposal; None if the motion has no forecast."""
-        asked = campaign.round(number).asked
-        if asked is None or asked.trained_speeds is None:
+        proposal = campaign.round(number).asked
+        if proposal is None or proposal.trained_speeds is None:
             return None
-        trained = asked.trained_speeds
+        trained = proposal.trained_speeds
         rows = read_table(_fed(campaign, number))[1]
         return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
 
     def at(self, t: Array) -> Array:
         """(T, k) commands."""
-        return np.stack([np.interp(t, self.t, own) for own in self.command.T], axis=1)
+        return np.stack([np.interp(t, self.t, column) for column in self.command.T], axis=1)
 
 
 def _fed(campaign: Campaign, number: int) -> bytes:

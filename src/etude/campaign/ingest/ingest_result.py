@@ -122,21 +122,21 @@ def read(
     *,
     degrees: bool = False,
     topics: Sequence[str] = (),
-    asked: LogQuestions | None = None,
+    questions: LogQuestions | None = None,
 ) -> Log:
     """The cleaned log in a file, in its own time.
 
     Args:
         topics: of a file that holds several; none: those that campaign.toml names.
-        asked: the possible questions with their answers; it records the answers that were used.
+        questions: the possible questions with their answers; it records the answers that were used.
 
     Raises:
         DataError: it cannot be used, according to the general repairs, the plausibility checks, or the checks
             of the kind.
     """
-    asked = asked or LogQuestions(campaign.kind, campaign.spec, Answers())
-    log = read_settled(campaign, path, asked.whole, degrees=degrees, topics=topics)
-    return asked.cleaned(log, own=is_recording(path))
+    questions = questions or LogQuestions(campaign.kind, campaign.spec, Answers())
+    log = read_settled(campaign, path, questions.whole, degrees=degrees, topics=topics)
+    return questions.cleaned(log, own=is_recording(path))
 
 
 def read_settled(

@@ -71,8 +71,8 @@ class Inspected:
 class _KnownRobot:
     """Known facts of the robot, described by its kind or guessed from the headers.
 
-    why: reason why there are no channels. told: its logs so far, by number. campaign: None without one.
-    log: the file.
+    why: reason why there are no channels. earlier: its logs so far, by number.
+    campaign: None without one. log: the file.
     """
 
     channels: Sequence[Channel]
@@ -83,7 +83,7 @@ class _KnownRobot:
     spec: Any = None
     config: LogConfig = field(default_factory=LogConfig)
     why: str = ""
-    told: Mapping[int, Log] = field(default_factory=dict)
+    earlier: Mapping[int, Log] = field(default_factory=dict)
     campaign: Campaign | None = None
     log: Path = Path()
 
@@ -106,30 +106,30 @@ def inspect(
         UsageError: there is no such robot.
     """
     path = Path(path)
-    known = None if robot is None else _described(str(robot))
+    description = None if robot is None else _described(str(robot))
     try:
         with np.errstate(all="ignore"):
-            known = replace(known or _guessed(path, topics), log=path)
-            log, stated = _read(path, known, topics)
+            description = replace(description or _guessed(path, topics), log=path)
+            log, stated = _read(path, description, topics)
             if degrees:
                 log = from_degrees(log, stated)
-            return _checked(log, known, stated)
+            return _checked(log, description, stated)
     except EtudeError as error:
         return Inspected(None, (_refused("columns", error),))
 
 
 def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
     """The table [log.columns] that assigns the file's columns to channels. Errors as of `mapping_text`."""
-    known = _described(robot)
-    return mapping_text(list(read_raw(path, topics).values), known.channels, path.name)
+    channels = _described(robot).channels
+    return mapping_text(list(read_raw(path, topics).values), channels, path.name)
 
 
 def _described(robot: str) -> _KnownRobot:
-    config, told, campaign = LogConfig(), {}, None
+    config, earlier, campaign = LogConfig(), {}, None
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
-        told = told_logs(campaign, campaign.state())
+        earlier = told_logs(campaign, campaign.state())
     else:
         kind, place = find_robot(robot)
         with reading(place):
@@ -143,7 +143,7 @@ def _described(robot: str) -> _KnownRobot:
         kind,
         spec,
         config,
-        told=told,
+        earlier=earlier,
         campaign=campaign,
     )
 
@@ -172,9 +172,9 @@ def _is_quaternion(values: Array) -> bool:
     """Whether values (T, k) are unit quaternions in every row with numbers, and vary."""
     if values.shape[1] != 4:
         return False
-    known = values[np.isfinite(values).all(axis=1)]
-    size = np.linalg.norm(known, axis=1)
-    return bool(len(known) and np.ptp(known) > 0.0 and (np.abs(size - 1.0) < UNIT).all())
+    rows = values[np.isfinite(values).all(axis=1)]
+    size = np.linalg.norm(rows, axis=1)
+    return bool(len(rows) and np.ptp(rows) > 0.0 and (np.abs(size - 1.0) < UNIT).all())
 
 
 def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
@@ -183,47 +183,47 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
     """
     positions, speeds = (_parts(headers, words_of(channel)) for channel in ROLES)
     unit, commands = _commanded(headers)
-    own, fast = ({name for names in found for name in names} for found in (commands, speeds))
-    names = tuple(dict.fromkeys(next((n for n in some if n in own), "") for some in positions))
+    commanded, fast = ({name for names in parts for name in names} for parts in (commands, speeds))
+    names = tuple(dict.fromkeys(next((n for n in some if n in commanded), "") for some in positions))
     names = tuple(name for name in names if name)
     if len(names) < FEWEST:
         return ()
     size = len(names)
-    found = [Channel("q", names, ("rad",) * size, required=True)]
+    channels = [Channel("q", names, ("rad",) * size, required=True)]
     if all(name in fast for name in names):
-        found.append(Channel("qd", names, ("rad/s",) * size, derivative_of="q"))
+        channels.append(Channel("qd", names, ("rad/s",) * size, derivative_of="q"))
     command = Channel("command", names, (unit,) * size, "command", required=True, acts_on="q")
-    return (*found, command)
+    return (*channels, command)
 
 
 def _commanded(headers: Sequence[str]) -> tuple[str, list[list[str]]]:
     """The unit whose words name most commands, and their joints."""
-    words = {unit: (*own, "command", "tau", "u", "cmd") for unit, own in COMMANDS.items()}
-    found = {unit: _parts(headers, own) for unit, own in words.items()}
-    unit = max(found, key=lambda name: len(found[name]))
-    return unit, found[unit]
+    vocabularies = {unit: (*synonyms, "command", "tau", "u", "cmd") for unit, synonyms in COMMANDS.items()}
+    joints = {unit: _parts(headers, synonyms) for unit, synonyms in vocabularies.items()}
+    unit = max(joints, key=lambda name: len(joints[name]))
+    return unit, joints[unit]
 
 
 def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
     """For each header that begins or ends with one of the words: its possible remainders, longest first."""
-    found = []
+    remainders = []
     for header in [header for header in headers if not is_time(header)]:
         text = normal(split_suffix(split_unit(header)[0])[0])
         text = plain(text) or text
         left = {part for word in words if (part := _left(text, word))}
-        found += [sorted(left, key=lambda part: (-len(part), part))] if left else []
-    return found
+        remainders += [sorted(left, key=lambda part: (-len(part), part))] if left else []
+    return remainders
 
 
 def _left(text: str, word: str) -> str:
     """ "elbow" of "elbow_position"; "joint_3" of "q3"; "" if the word is not at either end."""
     for prefix in ("", *(f"{p}_" for p in PREFIXES)):
-        rest = text.removeprefix(prefix)
-        numbered = re.fullmatch(rf"{re.escape(word)}_?(?:joint_?|j)?(\d{{1,4}})", rest)
+        unprefixed = text.removeprefix(prefix)
+        numbered = re.fullmatch(rf"{re.escape(word)}_?(?:joint_?|j)?(\d{{1,4}})", unprefixed)
         if numbered:
             return f"joint_{numbered[1]}"
-        for left in (rest.removeprefix(f"{word}_"), rest.removesuffix(f"_{word}")):
-            if left != rest:
+        for left in (unprefixed.removeprefix(f"{word}_"), unprefixed.removesuffix(f"_{word}")):
+            if left != unprefixed:
                 return left
     return ""
 
@@ -233,84 +233,84 @@ def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:
     return _KnownRobot(channels, {}, USUAL_RATE, "q", why=why)
 
 
-def _read(path: Path, known: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
+def _read(path: Path, robot: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
     """The log in the known channels; its raw columns if the headers do not match any."""
-    if known.channels:
-        return matched_log(path, known.channels, known.rate, topics, known.config)
-    raw = mapped(read_raw(path, topics), known.config)
-    t, said = read_time(raw, known.rate, path.name)
+    if robot.channels:
+        return matched_log(path, robot.channels, robot.rate, topics, robot.config)
+    raw = mapped(read_raw(path, topics), robot.config)
+    t, repairs = read_time(raw, robot.rate, path.name)
     names = [name for name in raw.values if not is_time(name)]
     channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))
-    log = Log(t, channels, values, path.name, (*raw.repairs, *said))  # type: ignore[arg-type]
+    log = Log(t, channels, values, path.name, (*raw.repairs, *repairs))  # type: ignore[arg-type]
     return with_rest_reported(log), set()
 
 
-def _checked(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
-    health = [_columns(log, known), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
-    health += _tried("columns", lambda: column_findings(log, known.limits))
-    judged = _judged(log, known, stated)
-    if known.kind and not judged.refused:  # tell repairs it, with a sentence below
+def _checked(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
+    health = [_columns(log, robot), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
+    health += _tried("columns", lambda: column_findings(log, robot.limits))
+    inspected = _findings_of_tell(log, robot, stated)
+    if robot.kind and not inspected.refused:  # tell repairs it, with a sentence below
         health = [replace(f, light="yellow") if f.light == "red" else f for f in health]
-    return Inspected(judged.log, (*health, *judged.findings))
+    return Inspected(inspected.log, (*health, *inspected.findings))
 
 
-def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
+def _findings_of_tell(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
     """The findings of the checks of `tell`, in its order."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     try:
         rows = drop_spikes(order_rows(drop_unreadable(replace(log, repairs=()))))
     except EtudeError as error:
         return Inspected(None, (_refused("rows", error),))
-    found += _tried("numbers", lambda: judge_numbers(rows, known.limits))
-    rows = replace(mended(rows, found), repairs=rows.repairs)  # the findings include the repairs
-    motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
-    if not any(f.light == "red" for f in found):
-        found += _tried("motion", lambda: _motion(rows, known, motion))
-    if any(f.light == "red" for f in found):
+    findings += _tried("numbers", lambda: judge_numbers(rows, robot.limits))
+    rows = replace(mended(rows, findings), repairs=rows.repairs)  # the findings include the repairs
+    motion = seen(rows, rows.channels[robot.path]) if robot.path in rows else None
+    if not any(f.light == "red" for f in findings):
+        findings += _tried("motion", lambda: _motion(rows, robot, motion))
+    if any(f.light == "red" for f in findings):
         later = "Ranges and commands are checked when the motion is right."
-        return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
-    found += _tried("commands", lambda: _commands(rows, known, motion))
-    clean, ranges = _ranges(rows, known, stated)
-    own = _tried("robot", lambda: _own(clean, known))
-    asked = any(f.flag or f.light == "red" for f in found)  # tell asks these first, and judges again
-    found += [*ranges, *(f for f in own if not (asked and f.flag))]
-    if not is_recording(known.log):  # a recording of a run names its proposal itself
-        found += _tried("proposal", lambda: _proposal(clean, known.campaign, known.log))
-    return Inspected(rows, tuple(found))
+        return Inspected(rows, (*findings, Finding("commands", "cannot tell", later)))
+    findings += _tried("commands", lambda: _commands(rows, robot, motion))
+    clean, ranges = _ranges(rows, robot, stated)
+    of_kind = _tried("robot", lambda: _kind_findings(clean, robot))
+    is_open = any(f.flag or f.light == "red" for f in findings)  # tell asks these first, and judges again
+    findings += [*ranges, *(f for f in of_kind if not (is_open and f.flag))]
+    if not is_recording(robot.log):  # a recording of a run names its proposal itself
+        findings += _tried("proposal", lambda: _proposal(clean, robot.campaign, robot.log))
+    return Inspected(rows, tuple(findings))
 
 
-def _columns(log: Log, known: _KnownRobot) -> Finding:
+def _columns(log: Log, robot: _KnownRobot) -> Finding:
     """Which columns were matched, and how."""
-    if not known.channels:
-        fact = f"{known.why}: columns are checked one by one."
+    if not robot.channels:
+        fact = f"{robot.why}: columns are checked one by one."
         return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
     matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
-    guessed = "" if known.kind else "guessed from the headers, "
-    said = [sentence for sentence in log.repairs if sentence not in cut_sentences(log)]
-    return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *said]))
+    guessed = "" if robot.kind else "guessed from the headers, "
+    sentences = [sentence for sentence in log.repairs if sentence not in cut_sentences(log)]
+    return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *sentences]))
 
 
-def _motion(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
-    if not known.channels:
+def _motion(log: Log, robot: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
+    if not robot.channels:
         return (Finding("motion", "cannot tell", "Without --robot it is unknown which columns move."),)
     if motion is None:
-        what = "joint positions" if known.path == "q" else known.path
+        what = "joint positions" if robot.path == "q" else robot.path
         fact = f"The log has no {what} to look at, or is too short."
         return (Finding("motion", "cannot tell", fact),)
-    usual = known.rate if known.kind else None
-    truth = judge_motion(log, known.path, known.channels, known.limits, usual, motion)
-    clock = () if known.kind is None else clock_by_file_of(known.kind, known.spec, log)
-    return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth, *clock)
+    usual = robot.rate if robot.kind else None
+    truth = judge_motion(log, robot.path, robot.channels, robot.limits, usual, motion)
+    clock = () if robot.kind is None else clock_by_file_of(robot.kind, robot.spec, log)
+    return (*motion_findings(log, log.channels[robot.path], motion, robot.limits), *truth, *clock)
 
 
-def _ranges(log: Log, known: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
+def _ranges(log: Log, robot: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
     """The cleaned log, or the same one where it would be refused; and what was done or refused."""
-    if not known.channels:
+    if not robot.channels:
         return log, ()
-    if known.kind is None:
+    if robot.kind is None:
         return log, _tried("units", lambda: _units(log, stated))
     try:
-        clean = clean_log(log, known.channels, known.limits, stated, lambda log: log)
+        clean = clean_log(log, robot.channels, robot.limits, stated, lambda log: log)
     except EtudeError as error:
         return log, (_refused("units and ranges", error),)
     if clean.repairs:
@@ -320,32 +320,32 @@ def _ranges(log: Log, known: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[
 
 def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
     check_lengths(log, stated)
-    said = "Nothing speaks against SI units; a robot's limits would tell more (--robot)."
-    return (Finding("units", "green", said),)
+    fact = "Nothing speaks against SI units; a robot's limits would tell more (--robot)."
+    return (Finding("units", "green", fact),)
 
 
-def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
-    return judged_commands(known.kind, known.spec, log, motion, known.told)
+def _commands(log: Log, robot: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
+    return judged_commands(robot.kind, robot.spec, log, motion, robot.earlier)
 
 
-def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
+def _kind_findings(log: Log, robot: _KnownRobot) -> Sequence[Finding]:
     """Findings of the checks of the kind of robot."""
-    if known.kind is None:
+    if robot.kind is None:
         return ()
-    return checks_of(known.kind, known.spec, log, own=is_recording(known.log))
+    return checks_of(robot.kind, robot.spec, log, own=is_recording(robot.log))
 
 
 def _proposal(log: Log, campaign: Campaign | None, path: Path) -> Sequence[Finding]:
     """Which proposal of a campaign the log answers. DataError: of none, though one is open."""
     if campaign is None or not (state := campaign.state()).proposals:
         return ()
-    known = state.round_of_log(sha256_of_log(path))
-    if known is not None:
-        return (Finding("proposal", "green", f"This log was told before, as {known.number}."),)
-    found = answered_proposal(campaign, state, log)
-    if found is None:
+    earlier = state.round_of_log(sha256_of_log(path))
+    if earlier is not None:
+        return (Finding("proposal", "green", f"This log was told before, as {earlier.number}."),)
+    answered = answered_proposal(campaign, state, log)
+    if answered is None:
         return ()
-    _, number, speed = found
+    _, number, speed = answered
     slower = "" if speed == FULL else f", run at {speed} %"
     return (Finding("proposal", "green", f"The motion is that of proposal {number}{slower}."),)
 
@@ -387,13 +387,13 @@ def read_log(
         kind, place = find_robot(str(robot))
         with reading(place):
             spec = kind.spec(place)
-    known = kind.expected(spec)
+    expected = kind.expected(spec)
     return logs.read_log(
         path,
         kind.channels(spec),
-        rate=known.rate,
+        rate=expected.rate,
         degrees=degrees,
-        limits=known.limits,
+        limits=expected.limits,
         settle=LogQuestions(kind, spec, Answers()).motion,
         topics=topics,
         config=config,

@@ -72,13 +72,13 @@ def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> An
     Raises:
         UsageError: there is no such check, or no repair for it.
     """
-    for flag, given, known in (("--accept", accept, CHECKS), ("--repair", repair, tuple(REPAIRS))):
-        for check in set(given) - set(known):
+    for flag, names, checks in (("--accept", accept, CHECKS), ("--repair", repair, tuple(REPAIRS))):
+        for check in set(names) - set(checks):
             raise UsageError(
-                f"there is no check '{check}'", where=flag, next_step=f"Known: {', '.join(known)}."
+                f"there is no check '{check}'", where=flag, next_step=f"Known: {', '.join(checks)}."
             )
     rounds = sorted(state.rounds.values(), key=lambda r: -r.number)  # the newest answer counts
-    before = tuple(own for r in rounds if r.ingested and not r.abandoned for own in r.ingested.answers)
+    before = tuple(answer for r in rounds if r.ingested and not r.abandoned for answer in r.ingested.answers)
     return Answers(tuple(accept), tuple(repair), before)
 
 
@@ -88,16 +88,16 @@ class LogQuestions:
 
     Attributes:
         steps: decisions on the log's commands, if it was judged with others; None: judged separately.
-        told: logs that were ingested before, by number.
-        given: collects the answers that were used. accepted: collects the accepted findings.
+        earlier: logs that were ingested before, by number.
+        used: collects the answers that were used. accepted: collects the accepted findings.
     """
 
     kind: Kind
     spec: Any
     answers: Answers
     steps: Callable[[Log], Sequence[Step]] | None = None
-    told: Callable[[], Mapping[int, Log]] = dict
-    given: list[Given] = field(default_factory=list)
+    earlier: Callable[[], Mapping[int, Log]] = dict
+    used: list[Given] = field(default_factory=list)
     accepted: list[Finding] = field(default_factory=list)
 
     def motion(self, log: Log) -> Log:
@@ -106,14 +106,14 @@ class LogQuestions:
         Raises:
             DataError: a finding is certain, or is an unanswered question.
         """
-        known = self.kind.expected(self.spec)
+        expected = self.kind.expected(self.spec)
 
-        def judged(log: Log) -> Sequence[Finding]:
+        def judge(log: Log) -> Sequence[Finding]:
             channels = self.kind.channels(self.spec)
-            return judge_motion(log, self.kind.path, channels, known.limits, known.rate)
+            return judge_motion(log, self.kind.path, channels, expected.limits, expected.rate)
 
-        log = self._settled(log, lambda log: exact.judge_numbers(log, known.limits))
-        log = self._settled(log, judged)
+        log = self._settled(log, lambda log: exact.judge_numbers(log, expected.limits))
+        log = self._settled(log, judge)
         log = self._settled(log, lambda log: clock_by_file_of(self.kind, self.spec, log))
         velocities = [n for n, c in log.channels.items() if c.derivative_of == self.kind.path]
         check_consistency(log.without(*velocities))
@@ -129,7 +129,7 @@ class LogQuestions:
         for step in self._alone(log) if self.steps is None else self.steps(log):
             log = self._stepped(log, step)
         log = self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
-        by_file = file_findings_of(self.kind, self.spec, log, self.told())
+        by_file = file_findings_of(self.kind, self.spec, log, self.earlier())
         log = self._settled(log, lambda _: by_file)
         return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
@@ -153,23 +153,25 @@ class LogQuestions:
         the user accepted the latter.
         """
         every = checks_of(self.kind, self.spec, log, own=own)
-        found = [f for f in every if f.light in ("red", "yellow")]
-        for finding in [f for f in found if f.light == "red"]:
+        findings = [f for f in every if f.light in ("red", "yellow")]
+        for finding in [f for f in findings if f.light == "red"]:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
             self._taken(finding)
         idle = [
-            f for f in found if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans
+            f
+            for f in findings
+            if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans
         ]
         for finding in idle:
             log = finding.cut(log)
-        return log.repaired(*(f.sentence for f in found if f not in idle))
+        return log.repaired(*(f.sentence for f in findings if f not in idle))
 
-    def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:
+    def _settled(self, log: Log, check: Callable[[Log], Sequence[Finding]]) -> Log:
         """Apply repairs one at a time, since one fault distorts the next check; then raise open questions."""
         tried: set[str] = set()
         while True:
-            open_ = [f for f in judged(log) if f.flag or f.light == "red" or _is_free(f)]
+            open_ = [f for f in check(log) if f.flag or f.light == "red" or _is_free(f)]
             mended = next((f for f in open_ if f.check not in tried and self._repairs(f)), None)
             if mended is None:
                 break
@@ -181,9 +183,9 @@ class LogQuestions:
             self._note("accept", finding)
             log = log.repaired(self._taken(finding).sentence)
             open_.remove(finding)
-        asked = [f for f in open_ if not _is_free(f)]
-        if asked:
-            raise refusal(asked, log.source)
+        questions = [f for f in open_ if not _is_free(f)]
+        if questions:
+            raise refusal(questions, log.source)
         return log
 
     def _repairs(self, finding: Finding) -> bool:
@@ -198,7 +200,7 @@ class LogQuestions:
         return self.accepted[-1]
 
     def _note(self, what: str, finding: Finding) -> None:
-        self.given.append((what, *_what(finding)))
+        self.used.append((what, *_what(finding)))
 
 
 def checks_of(kind: Kind, spec: Any, log: Log, *, own: bool) -> list[Finding]:
@@ -216,15 +218,15 @@ def questions_of(
     """
 
     @cache
-    def told() -> Mapping[int, Log]:
+    def earlier() -> Mapping[int, Log]:
         return told_logs(campaign, state)
 
-    def judged(log: Log) -> Sequence[Step]:
+    def decide(log: Log) -> Sequence[Step]:
         if steps is not None:
             return steps
-        return decided([log], told(), answers.to, judging_body(campaign.kind, campaign.spec))[0]
+        return decided([log], earlier(), answers.to, judging_body(campaign.kind, campaign.spec))[0]
 
-    return LogQuestions(campaign.kind, campaign.spec, answers, judged, told)
+    return LogQuestions(campaign.kind, campaign.spec, answers, decide, earlier)
 
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
@@ -235,35 +237,39 @@ def _is_free(finding: Finding) -> bool:
     return isinstance(finding, Mendable) and finding.free
 
 
-def refusal(found: Sequence[Finding], where: str) -> DataError:
+def refusal(findings: Sequence[Finding], where: str) -> DataError:
     """All findings against a log as one error."""
-    facts = " ".join(f.sentence for f in found).rstrip(".")
-    return DataError(facts, where=where, next_step=" ".join(f.step for f in found))
+    facts = " ".join(f.sentence for f in findings).rstrip(".")
+    return DataError(facts, where=where, next_step=" ".join(f.step for f in findings))
 
 
 def judged_commands(
-    kind: Kind | None, spec: Any, log: Log, motion: Seen | None = None, told: Mapping[int, Log] | None = None
+    kind: Kind | None,
+    spec: Any,
+    log: Log,
+    motion: Seen | None = None,
+    earlier: Mapping[int, Log] | None = None,
 ) -> tuple[Finding, ...]:
     """Findings on the commands of one log: assignment to joints, signs, delay and unit.
 
     Args:
         kind: None for a robot without a description.
         motion: the filtered motion of the log, if it was computed already.
-        told: earlier logs of the robot, by number.
+        earlier: logs of the robot, by number.
     """
     body = None if kind is None else judging_body(kind, spec)
-    steps, last = decided([log], told or {}, lambda _: "", body)
-    found = [step.finding for step in steps]
+    steps, last = decided([log], earlier or {}, lambda _: "", body)
+    findings = [step.finding for step in steps]
     if any(step.what == "open" for step in steps) or last is None:
-        return tuple(found)
+        return tuple(findings)
     from etude.logs.evidence.findings import green
 
     path = joints(log)
     assert path is not None
     unit = () if kind is None else unit_findings(kind, spec, log, motion)
-    unit = unit if kind is None else (*unit, *file_findings_of(kind, spec, log, told or {}))
-    right = [one for one in green(last, path.parts) if one.check not in {f.check for f in found}]
-    return (*found, *right, *unit)
+    unit = unit if kind is None else (*unit, *file_findings_of(kind, spec, log, earlier or {}))
+    right = [one for one in green(last, path.parts) if one.check not in {f.check for f in findings}]
+    return (*findings, *right, *unit)
 
 
 MADE_UP = "Inertias of the model file look like placeholders, so it judges neither units nor signs."
@@ -276,33 +282,33 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
     body = judging_body(kind, spec)
     if body is None:
         return (Finding(SCALE, "cannot tell", MADE_UP, "Correct its masses, or check signs and units."),)
-    found = judge_unit(log, body, kind.limit(spec), motion)
-    return () if found is None else (found,)
+    finding = judge_unit(log, body, kind.limit(spec), motion)
+    return () if finding is None else (finding,)
 
 
 def clock_by_file_of(kind: Kind, spec: Any, log: Log) -> tuple[Finding, ...]:
     """Findings that times are too long or too short, by the model file; for robots driven by forces."""
-    known = path_and_body(kind, spec, log)
-    if known is None:
+    path_body = path_and_body(kind, spec, log)
+    if path_body is None:
         return ()
     from etude.logs.evidence.file_hypotheses import clock_by_file
 
-    found = clock_by_file(log, *known)
-    return () if found is None else (found,)
+    finding = clock_by_file(log, *path_body)
+    return () if finding is None else (finding,)
 
 
 MOST_BY_FILE = 3  # of the logs that were told, the newest
 
 
-def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -> tuple[Finding, ...]:
+def file_findings_of(kind: Kind, spec: Any, log: Log, earlier: Mapping[int, Log]) -> tuple[Finding, ...]:
     """Findings of the model file on the log and earlier ones, for robots driven by forces."""
-    known = path_and_body(kind, spec, log)
-    if known is None:
+    path_body = path_and_body(kind, spec, log)
+    if path_body is None:
         return ()
     from etude.logs.evidence.file_hypotheses import file_findings
 
-    before = [own for own in told.values() if joints(own) is not None][-MOST_BY_FILE:]
-    return file_findings([*before, log], *known)
+    before = [one for one in earlier.values() if joints(one) is not None][-MOST_BY_FILE:]
+    return file_findings([*before, log], *path_body)
 
 
 def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | None:
@@ -314,8 +320,8 @@ def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | Non
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:
     """The model file's prediction of the commands; None without a file, or for other units."""
-    found = kind.physics(spec, preset_config(kind, "default"))
-    return found["nominal"](None) if "nominal" in found else None
+    means = kind.physics(spec, preset_config(kind, "default"))
+    return means["nominal"](None) if "nominal" in means else None
 
 
 def judging_body(kind: Kind, spec: Any) -> Mean | None:

@@ -63,9 +63,9 @@ class Evidence:
         motion = self.recording.motion
         path = speed_folder(campaign, motion.number, FULL) / COEFFICIENTS
         committed = recorded(campaign.events()).get(name_of(campaign, path))
-        own = motion.part == "motion" and motion.speed == FULL and committed == motion.sha256
+        is_full_motion = motion.part == "motion" and motion.speed == FULL and committed == motion.sha256
         to_the_end = motion.duration >= self.trajectory.duration - 1e-9
-        return motion.number if own and self.whole and to_the_end else None
+        return motion.number if is_full_motion and self.whole and to_the_end else None
 
 
 def is_recording(path: Path) -> bool:
@@ -93,8 +93,8 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
         if isinstance(fact, MotionEnded) and fact.recording_sha256 == digest:
             control = fact.control
             break
-    told = {} if began is None else began.told
-    lacks = told.get("gravity_in_command") is False and told.get("command_of") != "measured"
+    about = {} if began is None else began.told
+    lacks = about.get("gravity_in_command") is False and about.get("command_of") != "measured"
     if recording.reached < LEAST_TAUGHT_S:
         raise DataError(
             f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
@@ -113,21 +113,21 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
 
 def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     """The recorded data in the campaign's channels and order, in the time of the trajectory."""
-    own, path = evidence.recording, campaign.kind.path
-    joints = own.motion.joints
+    recording, path = evidence.recording, campaign.kind.path
+    joints = recording.motion.joints
     order = [joints.index(axis) for axis in campaign.axes]
-    t = own.t - own.began
-    last = own.reached + (REST_S if evidence.whole else 0.0)
+    t = recording.t - recording.began
+    last = recording.reached + (REST_S if evidence.whole else 0.0)
     use = (t >= -REST_S) & (t <= last)
-    for start, end in own.held:
-        use &= ~((own.t >= start) & (own.t <= end))
-    values: dict[str, Array] = {path: own.q[:, order], **_beside(campaign.channels, own)}
+    for start, end in recording.held:
+        use &= ~((recording.t >= start) & (recording.t <= end))
+    values: dict[str, Array] = {path: recording.q[:, order], **_beside(campaign.channels, recording)}
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
-    values |= {rate: own.qd[:, order]} if own.qd is not None and rate else {}
-    values.setdefault(campaign.command.name, own.command[:, order])
+    values |= {rate: recording.qd[:, order]} if recording.qd is not None and rate else {}
+    values.setdefault(campaign.command.name, recording.command[:, order])
     channels: dict[str, Channel] = {name: campaign.channel(name) for name in values}
-    kept = {name: np.ascontiguousarray(value[use]) for name, value in values.items()}
-    log = Log(t[use], channels, kept, source)
+    rows = {name: np.ascontiguousarray(value[use]) for name, value in values.items()}
+    log = Log(t[use], channels, rows, source)
     added = file_gravity(campaign, log[path]) if evidence.lacks_gravity else None
     if added is None:
         return log
@@ -141,9 +141,9 @@ def _beside(channels: Sequence[Channel], recording: Recording) -> dict[str, Arra
     """(n, parts) values of each channel that the robot records in addition to its joints, by log columns."""
     names = {c.name: [f"{c.name}_{part}" for part in c.parts] for c in channels}
     return {
-        channel: np.stack([recording.extra[name] for name in own], axis=1)
-        for channel, own in names.items()
-        if all(name in recording.extra for name in own)
+        channel: np.stack([recording.extra[name] for name in columns], axis=1)
+        for channel, columns in names.items()
+        if all(name in recording.extra for name in columns)
     }
 
 
@@ -173,18 +173,18 @@ def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int |
     number = evidence.answers(campaign)
     if number is not None:
         return planned_log(campaign, evidence, log), number
-    own = evidence.recording
-    why = own.reason or own.ended.value
-    said = f"The motion ended at {own.reached:.2f} s ({why}): it teaches up to there."
-    return start_at_zero(log).repaired(said), None
+    recording = evidence.recording
+    why = recording.reason or recording.ended.value
+    sentence = f"The motion ended at {recording.reached:.2f} s ({why}): it teaches up to there."
+    return start_at_zero(log).repaired(sentence), None
 
 
 def planned_log(campaign: Campaign, evidence: Evidence, log: Log) -> Log:
     """The log with the planned motion at its own times, since set-points lag after lost cycles."""
-    trajectory, own = evidence.trajectory, evidence.recording
+    trajectory, recording = evidence.trajectory, evidence.recording
     log = ended(log, trajectory.duration)
-    t = own.t - own.began
-    lag = np.where((own.at > 0.0) & (own.at < trajectory.duration), t - own.at, 0.0)
-    lag = np.where(np.abs(lag) > 0.5 / own.motion.rate, lag, 0.0)
-    asked = replace(log, t=log.t - np.interp(log.t, t, lag))
-    return replace(with_plan(asked, trajectory, campaign.channels, campaign.kind.path), t=log.t)
+    t = recording.t - recording.began
+    lag = np.where((recording.at > 0.0) & (recording.at < trajectory.duration), t - recording.at, 0.0)
+    lag = np.where(np.abs(lag) > 0.5 / recording.motion.rate, lag, 0.0)
+    planned = replace(log, t=log.t - np.interp(log.t, t, lag))
+    return replace(with_plan(planned, trajectory, campaign.channels, campaign.kind.path), t=log.t)

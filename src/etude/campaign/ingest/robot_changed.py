@@ -62,16 +62,18 @@ def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -
 
 def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
     newest = state.newest
-    known = None if newest is None else path_and_body(campaign.kind, campaign.spec, log)
-    if newest is None or known is None:
+    path_body = None if newest is None else path_and_body(campaign.kind, campaign.spec, log)
+    if newest is None or path_body is None:
         return None
     from etude.logs.evidence.contradictions import contradiction
 
-    told = told_logs(campaign, state)
-    numbers = [n for n in newest.logs if n in told][-MOST_BY_FILE:]
-    logs, names = [*(told[n] for n in numbers), log], [*(f"log {n}" for n in numbers), "this log"]
-    found = contradiction(logs, *known, names, len(numbers))
-    return None if found is None else Finding(CHANGED, "red", f"{OTHER}: {found.sentence[:-1]}", STEP, FLAG)
+    earlier = told_logs(campaign, state)
+    numbers = [n for n in newest.logs if n in earlier][-MOST_BY_FILE:]
+    logs, names = [*(earlier[n] for n in numbers), log], [*(f"log {n}" for n in numbers), "this log"]
+    finding = contradiction(logs, *path_body, names, len(numbers))
+    if finding is None:
+        return None
+    return Finding(CHANGED, "red", f"{OTHER}: {finding.sentence[:-1]}", STEP, FLAG)
 
 
 def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
@@ -79,31 +81,31 @@ def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> 
         return None
     try:
         model = stored_model(campaign, state.trained[-1].number)
-        found = change_test(model, samples, body_of(campaign.kind, campaign.spec))
+        test = change_test(model, samples, body_of(campaign.kind, campaign.spec))
         few = len(state.newest.logs) < LEAST_LOGS
-        return None if few and not _enormous(found) else _finding(model, found, samples.t, duration(log))
+        return None if few and not _enormous(test) else _finding(model, test, samples.t, duration(log))
     # an input that this log lacks; training reports a damaged model
     except (KeyError, DataError, UsageError):
         return None
 
 
-def _enormous(found: ChangeTest) -> bool:
+def _enormous(test: ChangeTest) -> bool:
     return (
-        float(found.evidence.max(initial=0.0)) > ENORMOUS
-        and found.size is not None
-        and found.size.left < MUCH_LEFT
+        float(test.evidence.max(initial=0.0)) > ENORMOUS
+        and test.size is not None
+        and test.size.left < MUCH_LEFT
     )
 
 
-def _finding(model: LearnedModel, found: ChangeTest, t: Array, seconds: float) -> Finding | None:
-    if found.alarm is None:
+def _finding(model: LearnedModel, test: ChangeTest, t: Array, seconds: float) -> Finding | None:
+    if test.alarm is None:
         return None
-    at = float(t[found.alarm])
-    place = "" if found.output is None else f", nearly all of it in {model.commands[found.output]}"
+    at = float(t[test.alarm])
+    place = "" if test.output is None else f", nearly all of it in {model.commands[test.output]}"
     sentence = (
         f"{OTHER}: after {at - t[0]:.0f} s of {seconds:.0f} s the "
-        f"errors were beyond chance (squared, {found.z2:.3g} times the predicted variance{place}); "
-        f"{CAUSES[found.cause]}{_figure(model, found)}"
+        f"errors were beyond chance (squared, {test.z2:.3g} times the predicted variance{place}); "
+        f"{CAUSES[test.cause]}{_figure(model, test)}"
     )
     return Finding(CHANGED, "red", sentence, STEP, FLAG, ((at, float(t[-1])),))
 
@@ -111,19 +113,19 @@ def _finding(model: LearnedModel, found: ChangeTest, t: Array, seconds: float) -
 TURNED = -0.5  # a factor below is an inverted sign
 
 
-def _figure(model: LearnedModel, found: ChangeTest) -> str:
+def _figure(model: LearnedModel, test: ChangeTest) -> str:
     """Text such as ", 0.46 +- 0.02 kg at the last link"; "" where the cause has no number."""
-    size = found.size
+    size = test.size
     if size is None:
         return ""
     value = f"{size.value:.2g} +- {max(size.deviation, 0.0):.1g}"
-    if found.cause == "load":
+    if test.cause == "load":
         return f", {value} kg at the last link (etude payload weighs it)"
-    if found.cause == "friction":
+    if test.cause == "friction":
         return f", {size.value:.2f} times what was learned"
     if size.joint is None:
         return ""
-    if found.cause == "gain":
+    if test.cause == "gain":
         inverted = ", inverted" if size.value < TURNED else ""
         return f", {size.value:.3g} times what was learned{inverted} in {model.commands[size.joint]}"
     return f", {size.value:.2g} at {model.commands[size.joint]}"

@@ -111,31 +111,31 @@ def finished(
     ]
 
 
-def check_same_number(known: Round, number: int | None, path: Path) -> None:
-    if number is not None and number != known.number:
+def check_same_number(earlier: Round, number: int | None, path: Path) -> None:
+    if number is not None and number != earlier.number:
         raise UsageError(
-            f"this log was told before, as the answer to trajectory {known.number}, not {number}",
+            f"this log was told before, as the answer to trajectory {earlier.number}, not {number}",
             where=str(path),
-            next_step=f"To take that back: etude untell FOLDER {known.number}.",
+            next_step=f"To take that back: etude untell FOLDER {earlier.number}.",
         )
 
 
 def check_asked(state: State, number: int) -> None:
-    found = state.rounds.get(number)
-    if found is None or found.asked is None:
-        known = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
-        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {known}.")
-    if found.confirms:
+    proposal = state.rounds.get(number)
+    if proposal is None or proposal.asked is None:
+        proposals = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
+        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {proposals}.")
+    if proposal.confirms:
         raise UsageError(
             f"trajectory {number} confirms, nothing is learned from it",
             next_step="Say which run its log is of: --confirm without, or --confirm with.",
         )
-    if found.weighs:
+    if proposal.weighs:
         raise UsageError(
             f"trajectory {number} weighs a load, nothing is learned from it",
             next_step="Give its log to: etude payload FOLDER --log LOG.",
         )
-    if found.ingested is not None and not found.abandoned:
+    if proposal.ingested is not None and not proposal.abandoned:
         raise UsageError(
             f"trajectory {number} has a log already",
             next_step=f"To replace it: etude untell FOLDER {number}, then tell again.",
@@ -168,15 +168,15 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
     Planned states are compared, since a different tracking error makes no different motion. A log without a
     plan counts as a different motion.
     """
-    own = planned_states(campaign, log)
-    if own is None:
+    states = planned_states(campaign, log)
+    if states is None:
         return None
-    found: list[tuple[float, int]] = []
+    shares: list[tuple[float, int]] = []
     for other in state.ingested[-MOST_COMPARED:]:
-        known = None if other.number == number else _stored_states(campaign, other.number)
-        if known is not None and known.shape[1] == own.shape[1]:
-            found.append((share_within(own, known), other.number))
-    share, earlier = max(found, key=lambda pair: (pair[0], -pair[1]), default=(0.0, 0))
+        other_states = None if other.number == number else _stored_states(campaign, other.number)
+        if other_states is not None and other_states.shape[1] == states.shape[1]:
+            shares.append((share_within(states, other_states), other.number))
+    share, earlier = max(shares, key=lambda pair: (pair[0], -pair[1]), default=(0.0, 0))
     return (earlier, share) if share > SHARE else None
 
 
@@ -188,13 +188,13 @@ def _stored_states(campaign: Campaign, number: int) -> Array | None:
         return None
 
 
-def share_within(own: Array, known: Array) -> float:
+def share_within(states: Array, reference: Array) -> float:
     """Fraction of the states (n, D) within 1 of one of the known states (m, D) in every coordinate."""
     from scipy.spatial import cKDTree
 
-    if not len(own) or not len(known):
+    if not len(states) or not len(reference):
         return 0.0
-    distance, _ = cKDTree(known).query(own, p=math.inf, distance_upper_bound=1.0)
+    distance, _ = cKDTree(reference).query(states, p=math.inf, distance_upper_bound=1.0)
     return float(np.mean(np.isfinite(distance)))
 
 
@@ -244,23 +244,23 @@ def take(
     require_description(campaign)
     if how.get("confirm"):
         return take_run(campaign, state, path, digest, number, how)
-    known = state.round_of_log(digest)
-    if known is not None:
-        check_same_number(known, number, path)
-        before = known.ingested
+    earlier = state.round_of_log(digest)
+    if earlier is not None:
+        check_same_number(earlier, number, path)
+        before = earlier.ingested
         repairs, findings = (before.repairs, before.findings) if before else ((), ())
-        return IngestResult(known.number, True, known.asked is None, repairs, (), findings=findings)
+        return IngestResult(earlier.number, True, earlier.asked is None, repairs, (), findings=findings)
     evidence = evidence_in(campaign, path)
     control = how.get("control", "") or ("" if evidence is None else evidence.control)
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
-    log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, asked, how)
+    questions = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
+    log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, questions, how)
     group = np.zeros(len(log), dtype=np.int64)  # a log without samples is refused
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     change, again = change_found(campaign, state, log, samples), repeated(campaign, state, number, log)
-    found = (change, None if again is None else warning(*again))
-    findings = (*asked.accepted, *(one for one in found if one is not None))
+    warnings = (change, None if again is None else warning(*again))
+    findings = (*questions.accepted, *(one for one in warnings if one is not None))
     fact = Ingested(
         sha256=digest,
         source=path.name,
@@ -269,7 +269,7 @@ def take(
         repairs=log.repairs,
         foreign=not answers_it,
         speed=speed,
-        answers=tuple(asked.given),
+        answers=tuple(questions.used),
         findings=findings,
         repeats=None if again is None else again[0],
     )
@@ -286,11 +286,13 @@ def _aligned(
     path: Path,
     number: int | None,
     evidence: Evidence | None,
-    asked: LogQuestions,
+    questions: LogQuestions,
     how: How,
 ) -> tuple[Log, int, bool, int]:
     """The aligned log in `path`, its number, whether it answers that proposal, and its speed in percent."""
-    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    log = read(
+        campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), questions=questions
+    )
     if evidence is not None:
         log, answered = placed(campaign, evidence, log)
         speed, number = FULL, None
@@ -311,8 +313,8 @@ def _aligned(
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:
     """Warnings of the newest training, and a warning if it learned from two robots."""
-    own = state.newest.warnings if state.newest else ()
-    return (*own, *mixed(campaign, state))
+    warnings = state.newest.warnings if state.newest else ()
+    return (*warnings, *mixed(campaign, state))
 
 
 def _identify(
@@ -323,11 +325,11 @@ def _identify(
     if number is not None and not foreign:
         check_asked(state, number)
     try:
-        found = None if foreign else answered_proposal(campaign, state, log, number)
+        answered = None if foreign else answered_proposal(campaign, state, log, number)
     except DataError as error:
-        found, refused = None, error
-    if found is not None:
-        return found
+        answered, refused = None, error
+    if answered is not None:
+        return answered
     if number is None or foreign:
         check_may_teach(campaign, state, log, path)
     if refused is None or (number is None and not state.proposals):
@@ -420,7 +422,7 @@ def abandon(
 
 @dataclass(frozen=True)
 class IngestedFile:
-    """Result for one of several files: `told`, or the error by which it was refused."""
+    """Result for one of several files: `ingested`, or the error by which it was refused."""
 
     path: Path
     ingested: IngestResult | None
@@ -538,32 +540,32 @@ def tell_many(
         DataError, NumericalError: all logs together cannot be learned; they are stored and wait.
     """
     with campaign.writing():
-        found = _taken(campaign, paths, how, say)
-        places = [i for i, file in enumerate(found) if file.ingested is not None]
-        ingested = [file.ingested for file in found if file.ingested is not None]
+        files = _taken(campaign, paths, how, say)
+        places = [i for i, file in enumerate(files) if file.ingested is not None]
+        ingested = [file.ingested for file in files if file.ingested is not None]
         before = {r.number for r in campaign.state().learned}
         for place, one in zip(places, finished(campaign, ingested, changed, learner, say), strict=True):
-            found[place] = replace(found[place], ingested=one)
+            files[place] = replace(files[place], ingested=one)
         state = campaign.state()
     learned = tuple(r.number for r in state.learned if r.number not in before)
-    return IngestedMany(tuple(found), learned, newest_warnings(campaign, state))
+    return IngestedMany(tuple(files), learned, newest_warnings(campaign, state))
 
 
 def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[IngestedFile]:
     """Every file, stored or refused, in the order in which they were given."""
-    found: dict[Path, IngestedFile] = {}
+    files: dict[Path, IngestedFile] = {}
     left = sorted(set(paths), key=lambda path: (path.name, str(path)))
     survey = surveyed(campaign, left, how) if len(left) > 1 else None
     while left:
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
-            found[path] = _one(campaign, path, how, survey)
-            lost = found[path].ingested is None
-            say(f"{path.name}: {'refused' if lost else found[path].sentence}.")
+            files[path] = _one(campaign, path, how, survey)
+            lost = files[path].ingested is None
+            say(f"{path.name}: {'refused' if lost else files[path].sentence}.")
             refused += [path] if lost else []
         # a log that matches none of several open proposals may belong to none
         left = refused if len(campaign.state().proposals) < open_before else []
-    return [found[path] for path in dict.fromkeys(paths)]
+    return [files[path] for path in dict.fromkeys(paths)]
 
 
 def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> IngestedFile:
@@ -580,23 +582,23 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
         return None
     state = campaign.state()
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    found: dict[Path, Log] = {}
+    logs: dict[Path, Log] = {}
     for path in paths[:MOST_NEW]:
         with contextlib.suppress(DataError):  # the error is reported when the file is ingested
             if state.round_of_log(sha256_of_log(path)) is None:
-                found |= _prepared(campaign, path, how, answers)
+                logs |= _prepared(campaign, path, how, answers)
     body = judging_body(campaign.kind, campaign.spec)
-    return Survey(found, told_logs(campaign, state), answers.to, body)
+    return Survey(logs, told_logs(campaign, state), answers.to, body)
 
 
 def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
     """The log in a file after repairs of its motion; {} if it is refused regardless of its commands."""
-    found: dict[Path, Log] = {}
+    logs: dict[Path, Log] = {}
 
     def settle(log: Log) -> Log:
-        found[path] = LogQuestions(campaign.kind, campaign.spec, answers).prepared(log)
-        return found[path]
+        logs[path] = LogQuestions(campaign.kind, campaign.spec, answers).prepared(log)
+        return logs[path]
 
     with contextlib.suppress(DataError):  # limits may refuse a log that is repaired later
         read_settled(campaign, path, settle, degrees=how.get("degrees", False), topics=how.get("topics", ()))
-    return found
+    return logs

@@ -188,8 +188,8 @@ def connected(
 
 def _nothing_open(campaign: Campaign, about: About, resume: bool, identity: str) -> tuple[str, ...]:
     """What a simulation waives. UsageError with all else that blocks."""
-    found = open_points(campaign, about, resume=resume, identity=identity)
-    return tuple(require_none(campaign, found, simulated=not about.real))
+    points = open_points(campaign, about, resume=resume, identity=identity)
+    return tuple(require_none(campaign, points, simulated=not about.real))
 
 
 @contextlib.contextmanager
@@ -228,26 +228,27 @@ def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: 
         session.tell("planned", {"number": first.number, "speed": first.speed, "control": first.control})
     if options.dry:
         number = None if first is None else first.number
-        said = tuple(sentences)
         return RunResult(
-            why="nothing was moved: --dry-run", said=said, planned=number, approach=loop.approach
+            why="nothing was moved: --dry-run", said=tuple(sentences), planned=number, approach=loop.approach
         )
     _require_agreed(session.person, session.about, options, sentences)
-    with _kept(session.campaign, session.about, options):
+    with _journaled(session.campaign, session.about, options):
         return loop.closed(first, fired)
 
 
 @contextlib.contextmanager
-def _kept(campaign: Campaign, about: About, options: RunOptions) -> Iterator[None]:
+def _journaled(campaign: Campaign, about: About, options: RunOptions) -> Iterator[None]:
     """The journal says that a run began, and how it ended."""
-    told = {name: value for name, value in vars(about).items() if isinstance(value, str | bool | int | float)}
+    facts = {
+        name: value for name, value in vars(about).items() if isinstance(value, str | bool | int | float)
+    }
     began = RunBegan(
         driver=options.on,
         robot=about.name,
         identity=about.identity,
         real=about.real,
         agreed="--yes" if options.yes else "typed",
-        told=told,
+        told=facts,
     )
     with campaign.writing():
         campaign.commit(began)
@@ -330,18 +331,18 @@ class _Loop:
         run twice for one log.
         """
         for number, path in untold_recordings(self.campaign):
-            self._told(number, path)
+            self._ingest(number, path)
         try:
-            motion = self._at_step(self._asked())
+            motion = self._at_step(self._next_proposal())
         except StopRuleReached as fired:
             return None, fired.fact
         pose = self.session.pose()
-        way = ways_of(self.campaign, motion, pose).approach
-        self.approach = None if way is None else way.trajectory
-        for own in (way, motion):
-            if own is not None:
-                planned = own.for_driver(self.campaign, self.session.about)
-                require_accepted(self.session.player.check(planned), own)
+        approach = ways_of(self.campaign, motion, pose).approach
+        self.approach = None if approach is None else approach.trajectory
+        for segment in (approach, motion):
+            if segment is not None:
+                planned = segment.for_driver(self.campaign, self.session.about)
+                require_accepted(self.session.player.check(planned), segment)
         return motion, ""
 
     def closed(self, first: CertifiedMotion | None, why: str) -> RunResult:
@@ -351,10 +352,16 @@ class _Loop:
         while number is not None:
             number, why = self._round(number, last=len(self.rounds) + 1 >= most)
         self.say(f"{why[:1].upper()}{why[1:]}.")
-        found = self._confirmed() if self.options.confirm else (None, "no motion was to confirm it")
-        promotion, said = self._promoted(*found)
+        confirmation = self._confirmed() if self.options.confirm else (None, "no motion was to confirm it")
+        promotion, reasons = self._promoted(*confirmation)
         return RunResult(
-            tuple(self.rounds), why, self.session.seconds, self.session.stood, found[0], promotion, said
+            tuple(self.rounds),
+            why,
+            self.session.seconds,
+            self.session.stood,
+            confirmation[0],
+            promotion,
+            reasons,
         )
 
     @property
@@ -364,10 +371,10 @@ class _Loop:
 
     @property
     def _takes_learned(self) -> bool:
-        wanted = self.options.learned and self.campaign.config.tracking.control == LEARNED
-        return wanted and LEARNED in self.session.about.controls
+        is_configured = self.options.learned and self.campaign.config.tracking.control == LEARNED
+        return is_configured and LEARNED in self.session.about.controls
 
-    def _asked(self) -> int:
+    def _next_proposal(self) -> int:
         """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
         control = "" if self.campaign.state().proposals else self.control
         try:
@@ -378,8 +385,8 @@ class _Loop:
     def _after_stop(self, fired: StopRuleReached) -> int:
         """The number of one more proposal, if it may decide on the model; else raises `fired`."""
         rule = judge(seen_by_the_rule(self.campaign, self.campaign.state()), self.campaign.config.stop).rule
-        wanted = self.options.promote and rule != "budget" and self.after_stop < MOST_AFTER_STOP
-        if not wanted or not is_undecided(self.campaign):
+        may_go_on = self.options.promote and rule != "budget" and self.after_stop < MOST_AFTER_STOP
+        if not may_go_on or not is_undecided(self.campaign):
             raise fired
         self.after_stop += 1
         self.say("Held-out motion does not decide yet whether the model is better: another motion.")
@@ -423,8 +430,8 @@ class _Loop:
 
     def _control_of(self, number: int) -> str:
         """What a proposal was asked for; learned where both would do."""
-        own = asked_under(self.campaign.round(number).asked) or (FEEDBACK,)
-        return LEARNED if LEARNED in own and self._takes_learned else own[0]
+        controls = asked_under(self.campaign.round(number).asked) or (FEEDBACK,)
+        return LEARNED if LEARNED in controls and self._takes_learned else controls[0]
 
     def _whole(self, number: int, control: str, model: LearnedModel | None = None) -> Result:
         """The whole motion at full speed, after the careful steps that its control still lacks."""
@@ -445,18 +452,18 @@ class _Loop:
         if motion.control != LEARNED:
             return motion
         model = model or newest_model(self.campaign, self.campaign.state())
-        found = Learned.along(self.campaign, model, motion, self.session.about)
-        return replace(motion, learned=found)
+        learned = Learned.along(self.campaign, model, motion, self.session.about)
+        return replace(motion, learned=learned)
 
     def _sent(self, motion: CertifiedMotion) -> Result:
         """The way to its start, and the motion; a learned command comes or goes on the way."""
         pose = self.session.pose()
         level = 1.0 if motion.learned is not None else 0.0
-        way = ways_of(self.campaign, motion, pose).approach
-        if way is None and level != self.session.level:
-            way = holding(self.campaign, motion, pose)
-        if way is not None:
-            self.session.play(self._faded(way, level))
+        approach = ways_of(self.campaign, motion, pose).approach
+        if approach is None and level != self.session.level:
+            approach = holding(self.campaign, motion, pose)
+        if approach is not None:
+            self.session.play(self._faded(approach, level))
         what = "the beginning of motion" if motion.first else "motion"
         self.say(f"Running {what} {motion.number} at {motion.speed} %, under {motion.control}.")
         result = self.session.play(motion)
@@ -468,40 +475,40 @@ class _Loop:
             )
         return result
 
-    def _faded(self, way: CertifiedMotion, level: float) -> CertifiedMotion:
+    def _faded(self, transfer: CertifiedMotion, level: float) -> CertifiedMotion:
         """With the command that the robot has, fading to the level that comes next."""
         if not level and not self.session.level:
-            return way
-        learned = self._with_command(replace(way, control=LEARNED))
+            return transfer
+        learned = self._with_command(replace(transfer, control=LEARNED))
         return replace(learned, fade=(self.session.level, level))
 
     def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Home, while the next motion is computed."""
         motion = proposal_motion(self.campaign, number, self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
-        way = ways_of(self.campaign, motion, home).back
-        if way is None:
+        back = ways_of(self.campaign, motion, home).back
+        if back is None:
             meanwhile()
         else:
-            self.session.play(self._faded(way, self.session.level), meanwhile)
+            self.session.play(self._faded(back, self.session.level), meanwhile)
 
     def _taken_in(self, number: int, result: Result) -> None:
         """The recording as the log of its proposal, and what it shows."""
-        self._told(number, result.path)
+        self._ingest(number, result.path)
         self.rounds.append(self._figures(number, result))
         self.session.tell("taken_in", asdict(self.rounds[-1]))
 
-    def _told(self, number: int, path: Path) -> None:
+    def _ingest(self, number: int, path: Path) -> None:
         """A recording as the log of its proposal; it is learned with the next `ask`."""
         try:
             with self.campaign.writing():
-                found = take(self.campaign, path, number)
+                result = take(self.campaign, path, number)
         except DataError as error:
             if is_even(read_recording(path)):  # else there is nothing to answer
-                own = f"etude tell {typed(self.campaign.path)} {typed(path)}"
-                error.next_step += f" Say it by: {own}. Without that file the motion is run again."
+                command = f"etude tell {typed(self.campaign.path)} {typed(path)}"
+                error.next_step += f" Say it by: {command}. Without that file the motion is run again."
             raise
-        for sentence in found.repairs:
+        for sentence in result.repairs:
             self.say(f"{path.name}: {sentence}")
 
     def _given_up(self, number: int) -> None:
@@ -516,9 +523,9 @@ class _Loop:
         self.say(f"Motion {number} is given up, and teaches up to there.")
 
     def _figures(self, number: int, result: Result) -> RoundRun:
-        own = result.recording
-        inside = (own.t >= own.began) & (own.t - own.began <= own.reached)
-        error = np.nanmean(np.abs(own.q - own.asked)[inside], axis=0)[self.session.columns]
+        recording = result.recording
+        inside = (recording.t >= recording.began) & (recording.t - recording.began <= recording.reached)
+        error = np.nanmean(np.abs(recording.q - recording.asked)[inside], axis=0)[self.session.columns]
         units = self.campaign.channel(self.campaign.kind.path).units
         shown = [math.degrees(e) if u == "rad" else e for e, u in zip(error.tolist(), units, strict=True)]
         return RoundRun(number, result.fact.control, tuple(shown), result.fact.worst_error)
@@ -528,8 +535,8 @@ class _Loop:
         if not self._takes_learned:
             return None, "the robot takes no learned command, so none was confirmed"
         number = ask_to_confirm(self.campaign, say=self.say).number
-        asked = self.campaign.round(number).asked
-        model = None if asked is None else model_of_sha256(self.campaign, asked.model_sha256)
+        proposal = self.campaign.round(number).asked
+        model = None if proposal is None else model_of_sha256(self.campaign, proposal.model_sha256)
         for name, control in zip(RUNS, (FEEDBACK, LEARNED), strict=True):
             if name in self.campaign.round(number).runs:
                 continue
@@ -539,15 +546,15 @@ class _Loop:
         return confirmed(self.campaign, self.campaign.round(number)), ""
 
     def _promoted(
-        self, found: Mapping[str, Any] | None, why: str
+        self, confirmation: Mapping[str, Any] | None, why: str
     ) -> tuple[Promotion | None, tuple[str, ...]]:
         """The newest model in use if it is better; sentences why not."""
-        said = (f"{why[:1].upper()}{why[1:]}.",) if why else ()
+        reasons = (f"{why[:1].upper()}{why[1:]}.",) if why else ()
         if not self.options.promote:
-            return None, said
-        if found is not None and (worse := _worse(found)):
-            return None, (*said, worse)
-        return promote(self.campaign, say=self.say), said
+            return None, reasons
+        if confirmation is not None and (worse := _worse(confirmation)):
+            return None, (*reasons, worse)
+        return promote(self.campaign, say=self.say), reasons
 
 
 def learn(campaign: Campaign, say: Say) -> None:
@@ -558,14 +565,15 @@ def learn(campaign: Campaign, say: Say) -> None:
         learn_pending(campaign, say=say)
 
 
-def _worse(found: Mapping[str, Any]) -> str:
+def _worse(confirmation: Mapping[str, Any]) -> str:
     """Why a model is not promoted that made the motion that confirms worse; "" if it did not."""
-    without, own = (np.array(found[name], dtype=float) for name in RUNS)
-    if not np.nansum(own) > np.nansum(without):
+    without, with_model = (np.array(confirmation[name], dtype=float) for name in RUNS)
+    if not np.nansum(with_model) > np.nansum(without):
         return ""
     return (
-        f"The model was not promoted: on the motion that confirms the mean error was {np.nanmean(own):.3g} "
-        f"{found['units'][0]} with it and {np.nanmean(without):.3g} without."
+        f"The model was not promoted: on the motion that confirms the mean error was "
+        f"{np.nanmean(with_model):.3g} {confirmation['units'][0]} with it "
+        f"and {np.nanmean(without):.3g} without."
     )
 
 
@@ -576,8 +584,8 @@ class RobotChanged(EtudeError):
 
     def __init__(self, campaign: Campaign) -> None:
         held = campaign.state().awaiting_answer[0]
-        found = held.ingested.findings if isinstance(held.ingested, Ingested) else ()
-        why = " ".join(one.sentence for one in found).rstrip(".")
+        findings = held.ingested.findings if isinstance(held.ingested, Ingested) else ()
+        why = " ".join(one.sentence for one in findings).rstrip(".")
         step = f"etude tell {typed(campaign.path)} --changed new (or forget, or same), then run again."
         fact = f"the robot has changed: log {held.number}: {why}"
         super().__init__(fact, where=str(campaign.path), next_step=step)

@@ -62,16 +62,16 @@ class Learned:
         if about.learned_as:
             return cls._of_accelerations(campaign, model, motion, about.learned_as)
         states = model.planned(trajectory, COMMAND_HZ)
-        found = model.commanded(states)
-        total = found["command"]
+        forecast = model.commanded(states)
+        total = forecast["command"]
         t = np.minimum(np.arange(len(total)) / COMMAND_HZ, trajectory.duration)
         if about.gravity_in_command is not False:
-            return cls(t, total, found["deviation"], total)
+            return cls(t, total, forecast["deviation"], total)
         q = trajectory.motion(t, 1).orders[0]
         added = file_gravity(campaign, q)
         sent = total - (model.static(states) if added is None else added)
         logged = total if added is None or about.command_of == "measured" else sent
-        return cls(t, sent, found["deviation"], logged)
+        return cls(t, sent, forecast["deviation"], logged)
 
     @classmethod
     def _of_accelerations(
@@ -82,12 +82,12 @@ class Learned:
         what = accelerated_by(campaign, trajectory, model)
         limits = motion.constraints.limits_as_played(campaign, trajectory)
         files, _ = certified_playback(exporter, what, campaign.kind, campaign.spec, limits, LEARNED)
-        found = learned_part(exporter, files)
-        return cls(np.zeros(1), np.zeros((1, len(campaign.axes)))) if found is None else cls(*found)
+        table = learned_part(exporter, files)
+        return cls(np.zeros(1), np.zeros((1, len(campaign.axes)))) if table is None else cls(*table)
 
     def at(self, t: Array, values: Array) -> Array:
         """(n, k) of `sent` or `logged`."""
-        return np.stack([np.interp(t, self.t, own) for own in values.T], axis=1)
+        return np.stack([np.interp(t, self.t, column) for column in values.T], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,19 +227,19 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
     try:
-        found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
+        paths = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
     except UnsafeTrajectoryError as problem:
         raise _no_way(campaign, motion, pose, home, problem) from None
-    if found is None or found.whole is None:
+    if paths is None or paths.whole is None:
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' have no approach to a motion from rest to rest",
             where=str(campaign.path),
             next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
         )
-    near, again = (float(np.abs(own - pose).max()) <= NEAR for own in (motion.start, motion.end))
+    near, again = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
     return Ways(
-        None if near else _way(campaign, motion, "approach", found.approach),
-        None if again or motion.first else _way(campaign, motion, "return", found.back),
+        None if near else _way(campaign, motion, "approach", paths.approach),
+        None if again or motion.first else _way(campaign, motion, "return", paths.back),
     )
 
 
@@ -283,11 +283,11 @@ def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Certifi
     return _way(campaign, replace(motion, speed=FULL), "hold", _still(pose))
 
 
-def require_accepted(said: Sequence[str], motion: CertifiedMotion) -> None:
+def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:
     """UnsafeTrajectoryError with what the driver says against a motion."""
-    if said:
+    if refusals:
         raise UnsafeTrajectoryError(
-            f"the robot refuses {motion.part} {motion.number}: {' '.join(said).rstrip('.')}",
+            f"the robot refuses {motion.part} {motion.number}: {' '.join(refusals).rstrip('.')}",
             where=motion.part,
             next_step="Write what the robot enforces into robot.toml, and ask for another motion.",
         )

@@ -89,9 +89,9 @@ def connect(
 
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     settings = read_settings(campaign, on)
-    own = settings.defaults
+    defaults = settings.defaults
     options = RunOptions(
-        on=settings.on, yes=yes, learned=own.learned, confirm=own.confirm, promote=own.promote
+        on=settings.on, yes=yes, learned=defaults.learned, confirm=defaults.confirm, promote=defaults.promote
     )
     player = driver_of(campaign, settings)
     with connected(campaign, player, person or Typist(), resume=resume, identity=identity) as session:

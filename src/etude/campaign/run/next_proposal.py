@@ -43,9 +43,9 @@ class NextProposal:
     def begin(self) -> None:
         """Starts to learn and to ask; returns at once."""
         if self.beside:
-            words = [sys.executable, "-m", "etude", "ask", str(self.campaign.path), "--json"]
+            arguments = [sys.executable, "-m", "etude", "ask", str(self.campaign.path), "--json"]
             self._process = subprocess.Popen(
-                [*words, *(["--control", own] if (own := self._control()) else [])],
+                [*arguments, *(["--control", control] if (control := self._control()) else [])],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 stdin=subprocess.DEVNULL,
@@ -73,15 +73,15 @@ class NextProposal:
 
 def _number(text: str, code: int) -> int:
     try:
-        found = json.loads(text.strip().splitlines()[-1])
+        answer = json.loads(text.strip().splitlines()[-1])
     except (ValueError, IndexError):
         raise EtudeError(f"asking for the next motion ended with code {code} and no word") from None
-    if "error" in found:
-        raise _error(found["error"])
-    return int(found["number"])
+    if "error" in answer:
+        raise _error(answer["error"])
+    return int(answer["number"])
 
 
-def _error(told: dict[str, Any]) -> EtudeError:
+def _error(error: dict[str, Any]) -> EtudeError:
     """The error that the other process ended with."""
-    kind = next((own for own in KINDS if own.__name__ == told.get("kind")), EtudeError)
-    return kind(str(told["fact"]), where=str(told["where"]), next_step=str(told["next_step"]))
+    kind = next((candidate for candidate in KINDS if candidate.__name__ == error.get("kind")), EtudeError)
+    return kind(str(error["fact"]), where=str(error["where"]), next_step=str(error["next_step"]))

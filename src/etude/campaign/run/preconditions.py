@@ -63,22 +63,22 @@ def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str
     ]
 
 
-def require_none(campaign: Campaign, found: Sequence[Open], *, simulated: bool) -> list[str]:
+def require_none(campaign: Campaign, points: Sequence[Open], *, simulated: bool) -> list[str]:
     """The sentences that a simulation waives. UsageError with all others."""
-    blocking = [one for one in found if not (one.waived and simulated)]
+    blocking = [one for one in points if not (one.waived and simulated)]
     if blocking:
         raise UsageError(
             f"nothing was moved, since this is open: {' '.join(one.sentence for one in blocking)[:-1]}",
             where=str(campaign.path),
             next_step=" ".join(dict.fromkeys(one.step for one in blocking)),
         )
-    return [one.sentence for one in found]
+    return [one.sentence for one in points]
 
 
 def _unstated(about: About) -> list[Open]:
-    own = [name for name in STATED if getattr(about, name) is None]
+    names = [name for name in STATED if getattr(about, name) is None]
     step = "The driver's About has to say it; nothing of it is guessed."
-    return [Open(f"The driver does not say {name} of {about.name}.", step) for name in own]
+    return [Open(f"The driver does not say {name} of {about.name}.", step) for name in names]
 
 
 def _heard(about: About) -> list[Open]:
@@ -101,7 +101,9 @@ def _joints(campaign: Campaign, about: About) -> list[Open]:
     beyond = [joint for joint in about.joints if joint not in campaign.axes]
     if not lacking and not beyond:
         return []
-    parts = [f"it {what} {', '.join(own)}" for what, own in (("lacks", lacking), ("has", beyond)) if own]
+    parts = [
+        f"it {what} {', '.join(joints)}" for what, joints in (("lacks", lacking), ("has", beyond)) if joints
+    ]
     step = f"Name the joints in {ROBOT} and in the driver's settings alike."
     return [Open(f"The joints of {about.name} are not the campaign's: {' and '.join(parts)}.", step)]
 
@@ -118,17 +120,17 @@ def _limits(campaign: Campaign, about: About) -> list[Open]:
     """Where the robot enforces less than the campaign's motions may do, and what to write about it."""
     if set(about.joints) != set(campaign.axes):
         return []
-    found: list[str] = []
+    sentences: list[str] = []
     lines: list[str] = []
-    for axis, own in zip(campaign.axes, _stated(campaign), strict=True):
+    for axis, stated in zip(campaign.axes, _stated(campaign), strict=True):
         j = about.joints.index(axis)
-        rows = [*_narrower(about, j, own), *_slower(about, j, own)]
-        found += [
+        rows = [*_narrower(about, j, stated), *_slower(about, j, stated)]
+        sentences += [
             f"{about.name} enforces {what} of {axis}, and {ROBOT} {allows}." for what, allows, _ in rows
         ]
         lines += [f"{axis}: {', '.join(line for _, _, line in rows)}"] if rows else []
     step = f"Write what the robot enforces into {ROBOT}: {'; '.join(lines)}."
-    return [Open(sentence, step) for sentence in found]
+    return [Open(sentence, step) for sentence in sentences]
 
 
 def _stated(campaign: Campaign) -> Sequence[Mapping[str, Any]]:
@@ -144,31 +146,31 @@ def _stated(campaign: Campaign) -> Sequence[Mapping[str, Any]]:
     return rows
 
 
-def _narrower(about: About, j: int, own: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def _narrower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """What the robot enforces on its joint j, what the file allows there, and the line for it."""
-    found = []
-    for name in (name for name in ENFORCED if name in own):
+    rows = []
+    for name in (name for name in ENFORCED if name in stated):
         theirs: Array | None = getattr(about, name)
         if name == "torque_rate" and LEARNED not in about.controls:
             continue  # its own feedback's alone
         value = np.inf if theirs is None else float(theirs[j])
         if name == "velocity" and about.envelope is not None:
             value = min(value, float(about.envelope.most[j]))
-        sign, mine = (-1.0 if name == "lower" else 1.0), np.inf if own[name] is None else own[name]
+        sign, mine = (-1.0 if name == "lower" else 1.0), np.inf if stated[name] is None else stated[name]
         if np.isfinite(value) and sign * mine > sign * value + SLACK * abs(value):
             allows = f"allows {mine:g}" if np.isfinite(mine) else "has no limit of it"
-            found.append((f"{name} {value:g}", allows, f"{name} = {value!r}"))
-    return found
+            rows.append((f"{name} {value:g}", allows, f"{name} = {value!r}"))
+    return rows
 
 
-def _slower(about: About, j: int, own: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def _slower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """The same of velocities by position, where the robot enforces an envelope and the file may have one."""
-    if about.envelope is None or "envelope" not in own:
+    if about.envelope is None or "envelope" not in stated:
         return []
-    ends = {"lower": own["lower"], "upper": own["upper"]}
-    mine = own["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
+    ends = {"lower": stated["lower"], "upper": stated["upper"]}
+    mine = stated["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
     theirs = {name: float(values[j]) for name, values in vars(about.envelope).items()}
-    most, q = min(own["velocity"], theirs["most"]), np.linspace(own["lower"], own["upper"], POSES)
+    most, q = min(stated["velocity"], theirs["most"]), np.linspace(stated["lower"], stated["upper"], POSES)
     allowed, enforced = _both_ways({**mine, "most": most}, q), _both_ways(theirs, q)
     k = int((allowed - enforced).argmax())
     if allowed[k] - enforced[k] <= SLACK * most:
@@ -180,15 +182,15 @@ def _slower(about: About, j: int, own: Mapping[str, Any]) -> list[tuple[str, str
 
 def _both_ways(envelope: Mapping[str, float], q: Array) -> Array:
     """(2 n,) speeds of one joint at positions q (n,), towards its upper and its lower end."""
-    own = VelocityEnvelope(**{name: np.array([value]) for name, value in envelope.items()})
-    down, up = velocity_range(own, q[:, None])
+    limits = VelocityEnvelope(**{name: np.array([value]) for name, value in envelope.items()})
+    down, up = velocity_range(limits, q[:, None])
     return np.concatenate([up[:, 0], -down[:, 0]])
 
 
 def _confirm(campaign: Campaign) -> list[Open]:
     step = f"Take each line out of confirm in {campaign.path / ROBOT} once you know that it is right."
-    said = [f"Assumed and not confirmed: {line}" for line in to_confirm(campaign.spec)]
-    return [Open(one, step, waived=True) for one in said]
+    sentences = [f"Assumed and not confirmed: {line}" for line in to_confirm(campaign.spec)]
+    return [Open(one, step, waived=True) for one in sentences]
 
 
 def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
@@ -204,8 +206,8 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
 
 
 def _unfinished(campaign: Campaign, resume: bool) -> list[Open]:
-    found = () if resume else motion_open(campaign.state(), campaign.path)
-    return [Open(f"{one.sentence[:1].upper()}{one.sentence[1:]}.", one.step) for one in found]
+    points = () if resume else motion_open(campaign.state(), campaign.path)
+    return [Open(f"{one.sentence[:1].upper()}{one.sentence[1:]}.", one.step) for one in points]
 
 
 def _waiting(campaign: Campaign) -> list[Open]:

@@ -323,8 +323,8 @@ class _Watching:
 def _ordered(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
     """The same in the driver's order of joints."""
     order = np.array([campaign.axes.index(joint) for joint in about.joints])
-    own = {name: value[order] for name, value in vars(bounds).items() if isinstance(value, np.ndarray)}
-    return replace(bounds, **own)
+    arrays = {name: value[order] for name, value in vars(bounds).items() if isinstance(value, np.ndarray)}
+    return replace(bounds, **arrays)
 
 
 Handler = Callable[[int, FrameType | None], Any]
@@ -367,13 +367,13 @@ def _on_signals(made: Callable[[Any], Handler]) -> Iterator[None]:
         yield
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number, own in before.items():
-        signal.signal(number, made(own))
+    for number, handler in before.items():
+        signal.signal(number, made(handler))
     try:
         yield
     finally:
-        for number, own in before.items():
-            signal.signal(number, own)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def require_room(folder: Path, motion: PlannedMotion) -> None:
@@ -400,7 +400,9 @@ def prune_recordings(campaign: Campaign) -> None:
 def free_path(folder: Path, stem: str) -> Path:
     """A name that no file of the folder has: stem.1.parquet, stem.2.parquet, ..."""
     folder.mkdir(exist_ok=True)
-    taken = {int(own) for path in folder.glob(f"{stem}.*") if (own := path.name.split(".")[2]).isdigit()}
+    taken = {
+        int(number) for path in folder.glob(f"{stem}.*") if (number := path.name.split(".")[2]).isdigit()
+    }
     return folder / f"{stem}.{max(taken, default=0) + 1}.parquet"
 
 
@@ -425,7 +427,7 @@ def _runtime_folder() -> Path:
 
 
 @contextlib.contextmanager
-def _locked(path: Path, said: str) -> Iterator[None]:
+def _locked(path: Path, fact: str) -> Iterator[None]:
     import fcntl
 
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -433,7 +435,7 @@ def _locked(path: Path, said: str) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise UsageError(said, where=str(path), next_step="Let it end, or end it by Ctrl-C.") from None
+            raise UsageError(fact, where=str(path), next_step="Let it end, or end it by Ctrl-C.") from None
         yield
     finally:
         os.close(handle)

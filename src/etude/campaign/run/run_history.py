@@ -59,15 +59,15 @@ def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
     as where a run was killed in between, or a log was refused; not uneven ones, whose motions are run again.
     """
     events = campaign.events()
-    waiting = {own.number for own in campaign.state().proposals}
-    told = {e.fact.sha256 for e in events if isinstance(e.fact, Ingested)}
-    found = [
+    waiting = {proposal.number for proposal in campaign.state().proposals}
+    ingested = {e.fact.sha256 for e in events if isinstance(e.fact, Ingested)}
+    recordings = [
         (e.number, campaign.path / e.fact.recording)
         for e in events
-        if isinstance(e.fact, MotionEnded) and e.number in waiting and e.fact.recording_sha256 not in told
+        if isinstance(e.fact, MotionEnded) and e.number in waiting and e.fact.recording_sha256 not in ingested
         if e.fact.part == "motion" and _is_whole(e.fact)
     ]
-    there = [(number, path) for number, path in found if number is not None and path.is_file()]
+    there = [(number, path) for number, path in recordings if number is not None and path.is_file()]
     return [(number, path) for number, path in there if is_even(read_recording(path))]
 
 
@@ -100,8 +100,8 @@ def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
     the robot anywhere in its band. None before a whole motion.
     """
     whole = _largest([fact.residual for fact in _whole(events, control)])
-    found = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
-    done = [f.residual for f in found if f.control == control and f.ended == Ended.DONE.value]
+    motions = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
+    done = [f.residual for f in motions if f.control == control and f.ended == Ended.DONE.value]
     every = _largest(done)
     if whole is None or every is None:
         return None
@@ -109,13 +109,13 @@ def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
 
 
 def _largest(rows: Sequence[Figures]) -> SeenErrors | None:
-    known = np.array([row for row in rows if row and None not in row], dtype=float)[-LOGS_CONSIDERED:]
-    return SeenErrors(known.max(axis=0), factor(len(known))) if len(known) else None
+    figures = np.array([row for row in rows if row and None not in row], dtype=float)[-LOGS_CONSIDERED:]
+    return SeenErrors(figures.max(axis=0), factor(len(figures))) if len(figures) else None
 
 
 def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
-    found = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
-    return [fact for fact in found if fact.part == "motion" and fact.control == control]
+    motions = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
+    return [fact for fact in motions if fact.part == "motion" and fact.control == control]
 
 
 def _whole(events: Sequence[Event], control: str) -> list[MotionEnded]:

@@ -62,8 +62,8 @@ def read_settings(campaign: Campaign, on: str = "") -> RunSettings:
     path = campaign.path / FILE
     tables = decoded(read_text(path), str(path)) if path.exists() else {}
     refuse_unknown(tables, [DRIVER, RUN], str(path))
-    own = dict(tables.get(DRIVER, {}))
-    named = str(own.pop("on", ""))
+    settings = dict(tables.get(DRIVER, {}))
+    named = str(settings.pop("on", ""))
     if not on and not named:
         raise UsageError(
             "the driver of the robot is not named",
@@ -71,7 +71,7 @@ def read_settings(campaign: Campaign, on: str = "") -> RunSettings:
             next_step=f'etude run {typed(campaign.path)} --on DRIVER, or write on = "DRIVER" in [driver].',
         )
     defaults = read_table(RunDefaults, tables.get(RUN, {}), RunDefaults(), f"{path} [{RUN}]")
-    return replace(RunSettings(on or named, not on, own), defaults=defaults)
+    return replace(RunSettings(on or named, not on, settings), defaults=defaults)
 
 
 def driver_of(campaign: Campaign, settings: RunSettings) -> Player:

@@ -77,20 +77,20 @@ def _error_bound(
 ) -> Array:
     """(k,) Where the path is nearer to a hard limit than that, the limit itself stops the motion."""
     margin = assumed_margin(campaign, constraints, trajectory)
-    own, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
-    found = WHILE_ASSUMED * margin
-    if own is not None:
-        found = ONCE_MEASURED * own.expected
+    errors, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
+    bound = WHILE_ASSUMED * margin
+    if errors is not None:
+        bound = ONCE_MEASURED * errors.expected
     elif alone is not None:
-        found = np.minimum(found, WHILE_ASSUMED * alone.expected)
+        bound = np.minimum(bound, WHILE_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
         # where a model knows nothing its command fades, and the feedback is what is left
-        found = np.maximum(found, alone.expected)
-    found = np.fmax(found, LEAST_ASSUMED * margin_before_logs(campaign, trajectory))
+        bound = np.maximum(bound, alone.expected)
+    bound = np.fmax(bound, LEAST_ASSUMED * margin_before_logs(campaign, trajectory))
     if about.encoder_step is not None:
         order = [about.joints.index(axis) for axis in campaign.axes]
-        found = np.maximum(found, LEAST_STEPS * about.encoder_step[order])
-    return np.asarray(found)
+        bound = np.maximum(bound, LEAST_STEPS * about.encoder_step[order])
+    return np.asarray(bound)
 
 
 def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Trajectory) -> Array:
@@ -98,10 +98,10 @@ def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Tra
     certificate keeps none.
     """
     forms = {piece.form for _, _, piece in trajectory.pieces()}
-    own = [np.asarray(table)[0] for form, (table, _) in constraints.margins.items() if form in forms]
-    if not own:
+    margins = [np.asarray(table)[0] for form, (table, _) in constraints.margins.items() if form in forms]
+    if not margins:
         return np.nan_to_num(margin_before_logs(campaign, trajectory), nan=np.inf)
-    return np.asarray(np.nan_to_num(np.max(own, axis=0), nan=np.inf))
+    return np.asarray(np.nan_to_num(np.max(margins, axis=0), nan=np.inf))
 
 
 def margin_before_logs(campaign: Campaign, trajectory: Trajectory) -> Array:
@@ -119,8 +119,8 @@ def _residual_bound(
 
     drive: (k,) largest commands; None: unknown.
     """
-    seen = seen_residuals(events, control) if deviation is not None else None
-    if seen is None or deviation is None:
+    residuals = seen_residuals(events, control) if deviation is not None else None
+    if residuals is None or deviation is None:
         return None
-    found = np.maximum(ONCE_MEASURED * seen.expected, DEVIATIONS * deviation.max(axis=0))
-    return np.asarray(found if drive is None else np.maximum(found, OF_DRIVE * drive))
+    bound = np.maximum(ONCE_MEASURED * residuals.expected, DEVIATIONS * deviation.max(axis=0))
+    return np.asarray(bound if drive is None else np.maximum(bound, OF_DRIVE * drive))

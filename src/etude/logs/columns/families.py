@@ -27,13 +27,13 @@ OTHER_QUANTITIES = (
 
 def members(headers: Iterable[str], family: str) -> dict[str, str]:
     """Of a family: the part's number or name -> its header; empty if there is none."""
-    word, found = re.escape(normal(family)), {}
+    word, headers_of = re.escape(normal(family)), {}
     for header in headers:
         text = normal(split_suffix(split_unit(header)[0])[0])
         hit = re.fullmatch(rf"{word}_?(?:joint_?|j)?(\d+)|{word}_(.+)|(.+)_{word}", text)
         if hit:
-            found[next(group for group in hit.groups() if group)] = header
-    return found
+            headers_of[next(group for group in hit.groups() if group)] = header
+    return headers_of
 
 
 def family_of(header: str, channel: Channel) -> tuple[str, str]:
@@ -54,25 +54,25 @@ def rivals(channel: Channel, used: Sequence[str], left: Iterable[str]) -> dict[s
     Args:
         left: headers that mean nothing else.
     """
-    words = [word for word in words_of(channel) if len(word) >= LEAST_LETTERS]
-    found: dict[str, dict[str, str]] = {}
+    synonyms = [word for word in words_of(channel) if len(word) >= LEAST_LETTERS]
+    columns_of: dict[str, dict[str, str]] = {}
     for header in left:
         family, part = family_of(header, channel)
-        if family and _may_be(header, normal(family), words, channel):
-            found.setdefault(family, {})[part] = header
-    own = [family_of(header, channel) for header in used]
-    whole = {part for _, part in own}
-    return {name: tuple(columns.values()) for name, columns in found.items() if set(columns) == whole}
+        if family and _may_be(header, normal(family), synonyms, channel):
+            columns_of.setdefault(family, {})[part] = header
+    families = [family_of(header, channel) for header in used]
+    whole = {part for _, part in families}
+    return {name: tuple(columns.values()) for name, columns in columns_of.items() if set(columns) == whole}
 
 
-def _may_be(header: str, family: str, words: Sequence[str], channel: Channel) -> bool:
+def _may_be(header: str, family: str, synonyms: Sequence[str], channel: Channel) -> bool:
     unit = unit_of(header)
     if COLUMN.fullmatch(normal(header)) or (unit and not same_dimension(unit, channel.units[0])):
         return False
     tokens = family.split("_")
     if any(token in OTHER_QUANTITIES for token in tokens) or family.endswith(OTHER_QUANTITIES):
         return False
-    return any(family.startswith(word) or word in tokens for word in words)
+    return any(family.startswith(word) or word in tokens for word in synonyms)
 
 
 def answer(channel: Channel, families: Iterable[str]) -> str:

@@ -110,14 +110,14 @@ def unit_in(text: str) -> Unit | None:
     text, at = text.strip(" -"), 0  # [-] is a number
     factor, exponents = 1.0, [0] * len(NUMBER)
     while at < len(text):
-        found = TOKEN.match(text, at)
-        base = BASES.get(found[2]) if found else None
-        if found is None or base is None or (found[2] == "1" and found[3]):
+        match = TOKEN.match(text, at)
+        base = BASES.get(match[2]) if match else None
+        if match is None or base is None or (match[2] == "1" and match[3]):
             return None
-        power = int(found[3] or 1) * (-1 if found[1] else 1)
+        power = int(match[3] or 1) * (-1 if match[1] else 1)
         factor *= base.factor**power
-        exponents = [e + power * own for e, own in zip(exponents, base.dimension, strict=True)]
-        at = found.end()
+        exponents = [e + power * exponent for e, exponent in zip(exponents, base.dimension, strict=True)]
+        at = match.end()
     return Unit(factor, Dimension(*exponents))
 
 

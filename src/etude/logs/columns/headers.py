@@ -91,25 +91,25 @@ class Found:
 
     def note(self, claim: Claim, header: str, unit: str) -> None:
         """Adds a column."""
-        known = unit_in(unit)
-        assert known is not None
-        column = Column(header, known.factor, unit, claim.word)
+        parsed = unit_in(unit)
+        assert parsed is not None
+        column = Column(header, parsed.factor, unit, claim.word)
         self.of(claim).setdefault(claim.part, []).append(column)
 
     def columns(self) -> Iterator[Column]:
         """All of them."""
         for place in (self.named, self.numbered, self.bare):
             for parts in place.values():
-                for own in parts.values():
-                    yield from own
+                for columns in parts.values():
+                    yield from columns
 
 
 @dataclass(frozen=True)
-class _Known:
+class _Vocabulary:
     """Names that headers may have for the required channels."""
 
     named: Mapping[str, tuple[str, str, int]]
-    words: dict[str, str]
+    channel_of: dict[str, str]
     bare: Mapping[str, tuple[tuple[str, str], ...]]
 
     def claims(self, text: str) -> tuple[Claim, ...]:
@@ -117,13 +117,13 @@ class _Known:
         bare name.
         """
         rests = _rests(normal(text))
-        hit = next((self.named[rest] for rest in rests if rest in self.named), None)
+        hit = next((self.named[candidate] for candidate in rests if candidate in self.named), None)
         if hit:
             return (Claim("named", *hit),)
-        number = _number(rests, self.words)
+        number = _number(rests, self.channel_of)
         if number:
             return (Claim("numbered", *number),)
-        return tuple(Claim("bare", *own) for own in self.bare.get(rests[0], ()))
+        return tuple(Claim("bare", *meaning) for meaning in self.bare.get(rests[0], ()))
 
 
 COLUMN = re.compile(
@@ -138,11 +138,11 @@ OUTPUT = "output"
 
 def plain(text: str) -> str:
     """ "position_0" of such a normalised header, "position_desired_0" of what was wanted; "" of any other."""
-    found = COLUMN.fullmatch(text)
-    joint = "" if found is None else found["before"] or found["after"]
-    if found is None or not joint:
+    match = COLUMN.fullmatch(text)
+    joint = "" if match is None else match["before"] or match["after"]
+    if match is None or not joint:
         return ""
-    word, point = WORDS.get(found["word"], found["word"]), found["point"]
+    word, point = WORDS.get(match["word"], match["word"]), match["point"]
     if (word == "effort") != (point == OUTPUT) and point not in MEASURED:
         return ""
     return f"{word}{'_desired' if point in WANTED else ''}_{joint}"
@@ -156,9 +156,9 @@ def doubles(headers: Sequence[str]) -> set[str]:
     by_meaning: dict[str, list[tuple[int, str]]] = {}
     for header in headers:
         text = normal(split_unit(header)[0])
-        found = COLUMN.fullmatch(text)
-        if found is not None and plain(text):
-            by_meaning.setdefault(plain(text), []).append((ranks[found["point"]], header))
+        match = COLUMN.fullmatch(text)
+        if match is not None and plain(text):
+            by_meaning.setdefault(plain(text), []).append((ranks[match["point"]], header))
     return {header for same in by_meaning.values() for _, header in sorted(same)[1:]}
 
 
@@ -168,55 +168,57 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
     channel is whole with it: such a column is no reason to refuse what is whole without it.
     """
-    known = _Known(_named(channels), _words(channels), _bare(channels))
+    vocabulary = _Vocabulary(_named(channels), _channels_by_word(channels), _bare(channels))
     described = {channel.name: channel for channel in channels}
-    again, found, left = doubles(headers), Found(), []
-    own = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
+    again, meanings, left = doubles(headers), Found(), []
+    written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
-        if header in own and header not in again:  # as Étude itself writes it, whatever is in the part's name
-            found.note(Claim("named", *own[header], 0), header, "")
+        if header in written and header not in again:  # as Étude writes it, whatever is in the part's name
+            meanings.note(Claim("named", *written[header], 0), header, "")
             continue
         text, unit = split_unit(header)
-        claims = () if header in again else known.claims(text)
+        claims = () if header in again else vocabulary.claims(text)
         claims = tuple(claim for claim in claims if _may_be(unit, described[claim.channel]))
         if claims and unit_in(unit) is None:
             raise DataError(
                 f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
             )
         for claim in claims:
-            found.note(claim, header, unit)
+            meanings.note(claim, header, unit)
         left += [] if claims else [header]
-    _add_suffixed(found, [h for h in left if h not in again and not split_unit(h)[1]], known, described)
-    taken = {column.name for column in found.columns()}
-    found.ignored += [header for header in left if header not in taken]
-    return found
+    _add_suffixed(
+        meanings, [h for h in left if h not in again and not split_unit(h)[1]], vocabulary, described
+    )
+    taken = {column.name for column in meanings.columns()}
+    meanings.ignored += [header for header in left if header not in taken]
+    return meanings
 
 
 def _may_be(unit: str, channel: Channel) -> bool:
     """Whether a header in brackets may be of a channel: a desired torque is no desired position."""
-    known = unit_in(unit)
-    if channel.role != "plan" or known is None or known.dimension == NUMBER:
+    stated = unit_in(unit)
+    if channel.role != "plan" or stated is None or stated.dimension == NUMBER:
         return True
-    return any(same_dimension(unit, own) for own in dict.fromkeys(channel.units))
+    return any(same_dimension(unit, other) for other in dict.fromkeys(channel.units))
 
 
 def _add_suffixed(
-    found: Found, headers: Sequence[str], known: _Known, described: Mapping[str, Channel]
+    meanings: Found, headers: Sequence[str], vocabulary: _Vocabulary, described: Mapping[str, Channel]
 ) -> None:
     """Columns whose headers end with a unit; of two of a part that in SI."""
     more = Found()
     for header in sorted(headers, key=_not_si):
         text, unit = split_suffix(header)
-        for claim in known.claims(text) if unit else ():
+        for claim in vocabulary.claims(text) if unit else ():
             units = dict.fromkeys(described[claim.channel].units)
-            if any(same_dimension(unit, own) for own in units) and claim.part not in more.of(claim):
+            if any(same_dimension(unit, other) for other in units) and claim.part not in more.of(claim):
                 more.note(claim, header, unit)
     for place in ("named", "numbered", "bare"):
         for name, columns in getattr(more, place).items():
-            own = getattr(found, place).get(name, {})
-            elsewhere = any(name in getattr(found, p) for p in ("named", "numbered", "bare") if p != place)
-            if len({*own, *columns}) == len(described[name].parts) and not elsewhere:
-                getattr(found, place)[name] = {**columns, **own}
+            present = getattr(meanings, place).get(name, {})
+            elsewhere = any(name in getattr(meanings, p) for p in ("named", "numbered", "bare") if p != place)
+            if len({*present, *columns}) == len(described[name].parts) and not elsewhere:
+                getattr(meanings, place)[name] = {**columns, **present}
 
 
 def _not_si(header: str) -> bool:
@@ -232,22 +234,22 @@ def column_names(channel: Channel) -> list[str]:
 def _rests(text: str) -> list[str]:
     rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
     named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
-    return [*rests, *(rest for rest in (named, plain(text)) if rest)]
+    return [*rests, *(candidate for candidate in (named, plain(text)) if candidate)]
 
 
 def words_of(channel: Channel) -> tuple[str, ...]:
     """The channel's own name, then its synonyms."""
-    words = [normal(channel.name), *SYNONYMS.get(channel.name, ())]
+    synonyms = [normal(channel.name), *SYNONYMS.get(channel.name, ())]
     if channel.role == "command":
-        words += [word for unit in dict.fromkeys(channel.units) for word in COMMANDS.get(unit, ())]
-        words += () if channel.acts_on else SETPOINTS
-    return tuple(dict.fromkeys(words))
+        synonyms += [word for unit in dict.fromkeys(channel.units) for word in COMMANDS.get(unit, ())]
+        synonyms += () if channel.acts_on else SETPOINTS
+    return tuple(dict.fromkeys(synonyms))
 
 
-def _words(channels: Sequence[Channel]) -> dict[str, str]:
+def _channels_by_word(channels: Sequence[Channel]) -> dict[str, str]:
     """Word -> channel, own names first."""
-    own = {normal(channel.name): channel.name for channel in channels}
-    return {**{w: c.name for c in reversed(channels) for w in words_of(c)}, **own}
+    names = {normal(channel.name): channel.name for channel in channels}
+    return {**{w: c.name for c in reversed(channels) for w in words_of(c)}, **names}
 
 
 def _named(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
@@ -287,9 +289,9 @@ def part_names(channel: Channel) -> list[str]:
 
 def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]:
     """A part's bare name -> (channel, part) that it may mean: `roll`, `front_right`; never a joint's."""
-    own = [c for c in channels if c.role in ("command", "aside") and not c.acts_on]
+    commands = [c for c in channels if c.role in ("command", "aside") and not c.acts_on]
     bare: dict[str, tuple[tuple[str, str], ...]] = {}
-    for channel in own:
+    for channel in commands:
         if sum(c.parts == channel.parts and c.role not in ("plan", "truth") for c in channels) == 1:
             for part in channel.parts:
                 if len(part) > 1:
@@ -297,16 +299,16 @@ def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]
     return bare
 
 
-def _number(rests: list[str], words: dict[str, str]) -> tuple[str, str] | None:
+def _number(rests: list[str], channel_of: dict[str, str]) -> tuple[str, str] | None:
     """(channel, number) of a normalised header such as `q_3`; None if it is none."""
-    for rest in rests:
+    for text in rests:
         for pattern in NUMBERED:
-            found = re.fullmatch(pattern, rest)
-            if found is None:
+            match = re.fullmatch(pattern, text)
+            if match is None:
                 continue
-            word = "_".join(filter(None, (found["word"], found.groupdict().get("rest"))))
-            if word in words:
-                return words[word], found["number"]
+            word = "_".join(filter(None, (match["word"], match.groupdict().get("rest"))))
+            if word in channel_of:
+                return channel_of[word], match["number"]
     return None
 
 
@@ -316,25 +318,25 @@ def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | No
         return None
     for unit in COMMANDS:
         other = replace(channel, units=(unit,) * len(channel.parts))
-        named, words = _named([other]), _words([other])
+        named, channel_of = _named([other]), _channels_by_word([other])
         for header in headers:
             rests = _rests(normal(split_unit(header)[0]))
-            if any(rest in named for rest in rests) or _number(rests, words):
+            if any(text in named for text in rests) or _number(rests, channel_of):
                 return header, unit
     return None
 
 
-def settle_bare(found: Found, channels: dict[str, Channel], where: str) -> None:
+def settle_bare(meanings: Found, channels: dict[str, Channel], where: str) -> None:
     """Adds bare names to the one channel that they complete.
 
     Raises:
         DataError: a column may be either of two channels.
     """
     whole: dict[str, list[str]] = {}
-    for name, columns in found.bare.items():
-        have = found.named.get(name, {})
+    for name, columns in meanings.bare.items():
+        have = meanings.named.get(name, {})
         missing = [part for part in channels[name].parts if part not in have]
-        if missing and name not in found.numbered and all(part in columns for part in missing):
+        if missing and name not in meanings.numbered and all(part in columns for part in missing):
             for part in missing:
                 whole.setdefault(columns[part][0].name, []).append(name)
     for header, names in whole.items():
@@ -345,5 +347,5 @@ def settle_bare(found: Found, channels: dict[str, Channel], where: str) -> None:
                 next_step=f"Name it {' or '.join(f'{name}_{normal(header)}' for name in names)}.",
             )
     for name in {n for names in whole.values() for n in names}:
-        mine = found.named.setdefault(name, {})
-        mine |= {part: own for part, own in found.bare[name].items() if part not in mine}
+        mine = meanings.named.setdefault(name, {})
+        mine |= {part: columns for part, columns in meanings.bare[name].items() if part not in mine}

@@ -58,14 +58,14 @@ def _timed(raw: Log, rate: float) -> Log:
     counted = np.arange(len(raw))
     if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
         return raw
-    said = f"The log has no times: by [log] rate, {rate:g} rows a second were taken; pauses are not seen."
-    return replace(raw, t=counted / rate).repaired(said)
+    sentence = f"The log has no times: by [log] rate, {rate:g} rows a second were taken; pauses are not seen."
+    return replace(raw, t=counted / rate).repaired(sentence)
 
 
 def _renamed(raw: Log, config: LogConfig) -> Log:
     left = {name: values for name, values in raw.values.items() if name not in config.ignored}
     named = _sources(config.columns, left)
-    _check_once(named, raw.source)
+    _check_unique(named, raw.source)
     used = {to: source for to, source in named.items() if source.header in left}
     if not used:
         _check_header(raw)
@@ -81,14 +81,14 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
             where=raw.source,
             next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(left)[:40])}.",
         )
-    read = {_with_unit(to, own): own.scale * left[own.header] for to, own in used.items()}
+    read = {_with_unit(to, source): source.scale * left[source.header] for to, source in used.items()}
     taken = {source.header for source in used.values()}
-    rest = {name: values for name, values in left.items() if name not in taken and name not in read}
-    said = ", ".join(f"{source.said} as {to}" for to, source in used.items())
-    return _with(raw, {**read, **rest}).repaired(f"By [log.columns], {said} were read.")
+    unnamed = {name: values for name, values in left.items() if name not in taken and name not in read}
+    pairs = ", ".join(f"{source.term} as {to}" for to, source in used.items())
+    return _with(raw, {**read, **unnamed}).repaired(f"By [log.columns], {pairs} were read.")
 
 
-def _check_once(named: Mapping[str, _Source], where: str) -> None:
+def _check_unique(named: Mapping[str, _Source], where: str) -> None:
     """Raises a DataError if one column of the file is to be read as two."""
     first: dict[str, str] = {}
     for to, source in named.items():
@@ -119,7 +119,7 @@ class _Source(NamedTuple):
     scale: float = 1.0
 
     @property
-    def said(self) -> str:
+    def term(self) -> str:
         return self.header if self.scale == 1.0 else f"{self.scale:g} * {self.header}"
 
 
@@ -129,15 +129,15 @@ TURNED = re.compile(r"\s*-\s*(.+)")
 
 def _sources(columns: Mapping[str, str], headers: Collection[str]) -> dict[str, _Source]:
     """Name of each column -> its source in the file; a word for all joints gives one entry for each joint."""
-    found: dict[str, _Source] = {}
+    sources: dict[str, _Source] = {}
     for to, text in columns.items():
         header, scale = _source(text, headers)
-        own = {} if header in headers else members(headers, header)
+        parts = {} if header in headers else members(headers, header)
         bare, unit = split_unit(to)
         unit = f" [{unit}]" if unit else ""
-        each = {f"{bare}_{part}{unit}": _Source(name, scale) for part, name in own.items()}
-        found |= each or {to: _Source(header, scale)}
-    return found
+        each = {f"{bare}_{part}{unit}": _Source(name, scale) for part, name in parts.items()}
+        sources |= each or {to: _Source(header, scale)}
+    return sources
 
 
 def _source(text: str, headers: Collection[str]) -> _Source:
@@ -173,17 +173,17 @@ def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str
     Raises:
         DataError: a header has a meaning and an unknown unit.
     """
-    found = read_headers([name for name in headers if not is_time(name)], channels, where)
+    meanings = read_headers([name for name in headers if not is_time(name)], channels, where)
     times = [_entry("t", name) for name in headers if is_time(name)][:1] or [_blank("t", headers)]
-    known = [line for channel in channels for line in _lines(channel, found)]
-    unused = [f"# Not understood: {', '.join(map(_quoted, found.ignored))}"] if found.ignored else []
-    return HEAD + "\n".join([*times, *known, *unused]) + "\n"
+    lines = [line for channel in channels for line in _lines(channel, meanings)]
+    unused = [f"# Not understood: {', '.join(map(_quoted, meanings.ignored))}"] if meanings.ignored else []
+    return HEAD + "\n".join([*times, *lines, *unused]) + "\n"
 
 
-def _lines(channel: Channel, found: Found) -> list[str]:
+def _lines(channel: Channel, meanings: Found) -> list[str]:
     """A line for each part of a channel that the log has, must have, or that may be a model input."""
-    named = found.named.get(channel.name, {})
-    numbered = found.numbered.get(channel.name, {})
+    named = meanings.named.get(channel.name, {})
+    numbered = meanings.numbered.get(channel.name, {})
     if not named and len(numbered) == len(channel.parts):
         numbers = sorted(numbered, key=int)
         named = {part: numbered[n] for part, n in zip(channel.parts, numbers, strict=True)}
@@ -194,7 +194,7 @@ def _lines(channel: Channel, found: Found) -> list[str]:
     return [
         _entry(f"{channel.name}_{part}", named[part][0].name)
         if part in named
-        else _blank(f"{channel.name}_{part}", found.ignored, note)
+        else _blank(f"{channel.name}_{part}", meanings.ignored, note)
         for part in channel.parts
     ]
 
@@ -217,10 +217,10 @@ def _quoted(text: str) -> str:
 def _with_unit(to: str, source: _Source) -> str:
     """With the file's unit, unless another is stated, or a scale converts counts and parts of a whole."""
     unit = unit_of(source.header)
-    known = unit_in(unit)
-    whole = known is None or not (known.counted or known.dimension == NUMBER)
-    kept = unit and not split_unit(to)[1] and (whole or abs(source.scale) == 1.0)
-    return f"{to} [{unit}]" if kept else to
+    parsed = unit_in(unit)
+    whole = parsed is None or not (parsed.counted or parsed.dimension == NUMBER)
+    keeps_unit = unit and not split_unit(to)[1] and (whole or abs(source.scale) == 1.0)
+    return f"{to} [{unit}]" if keeps_unit else to
 
 
 def _with(raw: Log, values: Mapping[str, object]) -> Log:

@@ -41,87 +41,91 @@ class Matching:
 
 
 def match_columns(
-    headers: Sequence[str], channels: Sequence[Channel], where: str, told: Collection[str] = ()
+    headers: Sequence[str], channels: Sequence[Channel], where: str, mapped: Collection[str] = ()
 ) -> Matching:
     """Finds the columns of every channel; optional channels may be absent.
 
     Args:
-        told: headers from [log.columns]: a part that one of them names has no other column.
+        mapped: headers from [log.columns]: a part that one of them names has no other column.
 
     Raises:
         DataError: a required channel lacks a part, a part has two columns, a unit is unknown, or the
             numbering does not fit; names the file, the columns, the parts expected and what to do.
     """
-    found = read_headers(headers, channels, where)
-    settle_bare(found, {c.name: c for c in channels}, where)
+    meanings = read_headers(headers, channels, where)
+    settle_bare(meanings, {c.name: c for c in channels}, where)
     matched: dict[str, tuple[Column, ...]] = {}
     repairs: list[str] = []
     for channel in sorted(channels, key=lambda c: not c.required):
-        columns = _of_channel(channel, _preferring(found, channel, told), repairs, where)
+        columns = _of_channel(channel, _preferring(meanings, channel, mapped), repairs, where)
         if columns is not None:
             matched[channel.name] = columns
     used = {column.name for columns in matched.values() for column in columns}
     ignored = tuple(header for header in headers if header not in used)
     if ignored:
         repairs.append(f"Columns without a meaning here were ignored: {', '.join(ignored)}.")
-    families = _families(channels, matched, ignored, told)
+    families = _families(channels, matched, ignored, mapped)
     matched = {c.name: matched[c.name] for c in channels if c.name in matched}
     return Matching(matched, ignored, tuple(repairs), families)
 
 
-def _preferring(found: Found, channel: Channel, told: Collection[str]) -> Found:
+def _preferring(meanings: Found, channel: Channel, mapped: Collection[str]) -> Found:
     """The columns, in which parts named by [log.columns] have no other candidates."""
-    if not told:
-        return found
+    if not mapped:
+        return meanings
 
     def chosen(of: Mapping[str, dict[str, list[Column]]]) -> dict[str, dict[str, list[Column]]]:
-        own = {p: [c for c in cs if c.name in told] or cs for p, cs in of.get(channel.name, {}).items()}
-        return {**of, channel.name: own} if own else dict(of)
+        preferred = {
+            p: [c for c in cs if c.name in mapped] or cs for p, cs in of.get(channel.name, {}).items()
+        }
+        return {**of, channel.name: preferred} if preferred else dict(of)
 
-    named, numbered = chosen(found.named), chosen(found.numbered)
-    given = [c for cs in numbered.get(channel.name, {}).values() for c in cs if c.name in told]
-    if given and not any(c.name in told for cs in named.get(channel.name, {}).values() for c in cs):
+    named, numbered = chosen(meanings.named), chosen(meanings.numbered)
+    numbers = [c for cs in numbered.get(channel.name, {}).values() for c in cs if c.name in mapped]
+    if numbers and not any(c.name in mapped for cs in named.get(channel.name, {}).values() for c in cs):
         named.pop(channel.name, None)
-    return replace(found, named=named, numbered=numbered)
+    return replace(meanings, named=named, numbered=numbered)
 
 
 def _families(
     channels: Sequence[Channel],
     matched: Mapping[str, tuple[Column, ...]],
     ignored: Sequence[str],
-    told: Collection[str],
+    mapped: Collection[str],
 ) -> dict[str, tuple[str, ...]]:
     """Of commands that do work on coordinates: all families that may be meant, if there are several."""
     for channel in channels:
-        own = [column.name for column in matched.get(channel.name, ())]
-        if channel.role != "command" or not channel.acts_on or not own or set(own) & set(told):
+        names = [column.name for column in matched.get(channel.name, ())]
+        if channel.role != "command" or not channel.acts_on or not names or set(names) & set(mapped):
             continue
-        others = rivals(channel, own, ignored)
+        others = rivals(channel, names, ignored)
         if others:
-            return {family_of(own[0], channel)[0]: tuple(own), **others}
+            return {family_of(names[0], channel)[0]: tuple(names), **others}
     return {}
 
 
-def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) -> tuple[Column, ...] | None:
+def _of_channel(
+    channel: Channel, meanings: Found, repairs: list[str], where: str
+) -> tuple[Column, ...] | None:
     """The channel's columns in the order of its parts; None if the file has none, or too few of an aside."""
-    mine = found.named.get(channel.name, {})
+    mine = meanings.named.get(channel.name, {})
     if channel.name in SENSORS or channel.role == "plan":
         mine = _first_spelling(mine, channel)
-    numbered = found.numbered.get(channel.name, {})
+    numbered = meanings.numbered.get(channel.name, {})
     if numbered and not mine and _worth(channel, numbered):
         mine = _by_number(channel, numbered, repairs, where)
     missing = [part for part in channel.parts if part not in mine]
     if not missing:
         mine = _in_its_unit(channel, mine)
         _check_single(channel, mine, where)
-        columns, said = _in_drive_units(channel, tuple(mine[part][0] for part in channel.parts), where)
-        repairs += said
+        columns, sentences = _in_drive_units(channel, tuple(mine[part][0] for part in channel.parts), where)
+        repairs += sentences
         return columns
     if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
         raise DataError(
             f"no column for channel '{channel.name}' of {', '.join(missing)}",
             where=where,
-            next_step=_advice(channel, missing[0], found.ignored),
+            next_step=_advice(channel, missing[0], meanings.ignored),
         )
     if mine:
         repairs.append(f"Channel {channel.name} lacks {', '.join(missing)} and was left out.")
@@ -131,9 +135,9 @@ def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) 
 def _first_spelling(mine: dict[str, list[Column]], channel: Channel) -> dict[str, list[Column]]:
     """The columns of the first word that has them all, each once; as they are if none has."""
     for word in sorted({column.word for columns in mine.values() for column in columns}):
-        own = {part: [c for c in columns if c.word == word][:1] for part, columns in mine.items()}
-        if all(own.get(part) for part in channel.parts):
-            return own
+        spelled = {part: [c for c in columns if c.word == word][:1] for part, columns in mine.items()}
+        if all(spelled.get(part) for part in channel.parts):
+            return spelled
     return mine
 
 
@@ -146,9 +150,9 @@ def _worth(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
 def _by_number(
     channel: Channel, numbered: dict[str, list[Column]], repairs: list[str], where: str
 ) -> dict[str, list[Column]]:
-    own = {found.group(): part for part in channel.parts if (found := re.search(r"\d+$", part))}
-    if len(own) == len(channel.parts) and set(own) == set(numbered):
-        return {own[number]: columns for number, columns in numbered.items()}
+    part_of = {match.group(): part for part in channel.parts if (match := re.search(r"\d+$", part))}
+    if len(part_of) == len(channel.parts) and set(part_of) == set(numbered):
+        return {part_of[number]: columns for number, columns in numbered.items()}
     numbers = sorted(numbered, key=int)
     first = int(numbers[0])
     if first not in (0, 1) or [int(n) for n in numbers] != list(range(first, first + len(channel.parts))):
@@ -165,12 +169,12 @@ def _by_number(
 
 def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, list[Column]]:
     """The columns, and of a part that has several the one whose header states a unit of the channel."""
-    kept = dict(mine)
+    selected = dict(mine)
     for part, unit in zip(channel.parts, channel.units, strict=True):
-        own = [c for c in mine[part] if c.stated and same_dimension(c.unit, unit)]
-        if len(mine[part]) > 1 and len(own) == 1:
-            kept[part] = own
-    return kept
+        candidates = [c for c in mine[part] if c.stated and same_dimension(c.unit, unit)]
+        if len(mine[part]) > 1 and len(candidates) == 1:
+            selected[part] = candidates
+    return selected
 
 
 def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -> None:
@@ -199,15 +203,15 @@ def _in_drive_units(
     if not channel.acts_on and channel.role == "command":
         return tuple(columns), []
     taken = tuple(_in_drive_unit(channel, c, u, where) for c, u in zip(columns, channel.units, strict=True))
-    changed = [own.name for own, before in zip(taken, columns, strict=True) if own is not before]
-    way = "[log.columns] of campaign.toml takes a scale"
-    said = f"Commands are taken as they are, in the unit of the drive: {', '.join(changed)}; {way}."
-    return taken, [said] if changed else []
+    changed = [column.name for column, before in zip(taken, columns, strict=True) if column is not before]
+    advice = "[log.columns] of campaign.toml takes a scale"
+    sentence = f"Commands are taken as they are, in the unit of the drive: {', '.join(changed)}; {advice}."
+    return taken, [sentence] if changed else []
 
 
 def _in_drive_unit(channel: Channel, column: Column, unit: str, where: str) -> Column:
-    stated, own = unit_in(column.unit), unit_in(unit)
-    if not column.unit or stated is None or own is None or stated.dimension == own.dimension:
+    stated, expected = unit_in(column.unit), unit_in(unit)
+    if not column.unit or stated is None or expected is None or stated.dimension == expected.dimension:
         return column
     if channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
         return replace(column, factor=1.0)
@@ -230,14 +234,14 @@ def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     examples = dict.fromkeys(f"{word}_{part}" for word in words_of(channel)[:2])
     near = difflib.get_close_matches(f"{channel.name}_{part}", ignored, n=3, cutoff=0.5)
     more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
-    known = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
+    others = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
     hint = f" Is {' or '.join(near)} meant as {channel.name}_{part}?" if near else ""
     unit = other_unit(channel, ignored)
-    said = (
+    unit_advice = (
         f' {unit[0]} and the like are read if the robot file says command_unit = "{unit[1]}".' if unit else ""
     )
     return (
-        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{said}{hint} "
-        "Rename the columns, correct the names in the robot file, or say in [log.columns] what they are: "
-        "etude inspect LOG --robot ROBOT --write-mapping."
+        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{others}"
+        f"{unit_advice}{hint} Rename the columns, correct the names in the robot file, or say in [log.columns] "
+        "what they are: etude inspect LOG --robot ROBOT --write-mapping."
     )

@@ -69,9 +69,9 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
     if sec is not None and nanosec is not None and np.isfinite(raw[sec]).any():
         seconds, nanos = raw[sec][:, 0], raw[nanosec][:, 0]
         # Whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first.
-        first, said = np.nanmin(seconds), f"Time is {sec} and {nanosec} together."
+        first, sentence = np.nanmin(seconds), f"Time is {sec} and {nanosec} together."
         counted = [f"Time was counted from {first:.0f} s."] if first else []
-        return seconds - first + 1e-9 * nanos, [said, *counted]
+        return seconds - first + 1e-9 * nanos, [sentence, *counted]
     plain = [name for name in headers if time_word(normal(split_unit(name)[0])) in TIME_WORDS]
     if not plain:
         if not np.array_equal(raw.t, np.arange(len(raw))):
@@ -85,9 +85,9 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
 def _without_time(headers: list[str]) -> str:
     """Next step if no header names a time."""
     like = [name for name in headers if set(re.split(r"[^a-z]+", name.lower())) & LIKE_TIME]
-    known = f"Is it {' or '.join(like[:3])}? " if like else ""
+    guess = f"Is it {' or '.join(like[:3])}? " if like else ""
     return (
-        f"{known}Name it one of {', '.join(TIME_WORDS)}, in the file or in the table [log.columns] of "
+        f"{guess}Name it one of {', '.join(TIME_WORDS)}, in the file or in the table [log.columns] of "
         "campaign.toml; if there is none and rows are equally spaced, say in its [log] how many a second: "
         f"rate = 500. The file has {', '.join(headers[:40])}."
     )
@@ -102,11 +102,11 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
             next_step="Write time as a number of seconds.",
         )
     bare, unit = split_unit(header)
-    known = {**TIME_UNITS, **MINUTES}
-    stated = unit or next((u for u in (*known, *TIME_SPELLINGS) if normal(bare).endswith(f"_{u}")), "")
+    factors = {**TIME_UNITS, **MINUTES}
+    stated = unit or next((u for u in (*factors, *TIME_SPELLINGS) if normal(bare).endswith(f"_{u}")), "")
     stated = TIME_SPELLINGS.get(stated, stated)
-    factor, name = (known[stated], stated) if stated in known else time_factor(finite, rate, where)
-    if stated in known:
+    factor, name = (factors[stated], stated) if stated in factors else time_factor(finite, rate, where)
+    if stated in factors:
         _check_step(finite, factor, stated, f"{where}, column {header}")
     repairs = [] if name == "s" else [f"Time was converted from {name} (column {header})."]
     if factor == 1.0:
@@ -150,12 +150,12 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
     sixty = abs(abs(off["s"]) - np.log(SIXTY)) < np.log(ALIKE)
     if abs(off[unit]) <= np.log(ALIKE if sixty else CLOCK_FACTOR):
         return TIME_UNITS[unit], unit
-    said = f"the time step {step:g} fits no unit at {rate:g} Hz"
+    fact = f"the time step {step:g} fits no unit at {rate:g} Hz"
     if sixty:
-        said += f": {'60 times' if off['s'] > 0.0 else 'a 60th of'} what it would be in seconds"
+        fact += f": {'60 times' if off['s'] > 0.0 else 'a 60th of'} what it would be in seconds"
     header = "t [min]" if sixty and off["s"] < 0.0 else "time_ms, t [s]"
     raise DataError(
-        said,
+        fact,
         where=f"{where}, time column",
         next_step=f"Name the unit in the header ({header}), or correct the robot's rate.",
     )
@@ -205,8 +205,8 @@ def check_lengths(log: Log, stated: Collection[str] = ()) -> Log:
             raise _degrees(log, name, f"{name} of {mean:.3g} rad/s on average look like degrees per second")
     for name, parts in TURN.items():
         if name in log and name not in stated:
-            own = [j for j, part in enumerate(log.channels[name].parts) if part in parts]
-            largest = float(np.abs(log[name][:, own]).max(initial=0.0))
+            angles = [j for j, part in enumerate(log.channels[name].parts) if part in parts]
+            largest = float(np.abs(log[name][:, angles]).max(initial=0.0))
             # half a turn is the largest angle that is logged, and 5 % more may be noise
             if largest > 1.05 * np.pi:
                 raise _degrees(log, name, f"the {name} reaches {largest:.4g} rad and looks like degrees")

@@ -9,16 +9,16 @@ DESIRED = ("des", "desired", "ref", "reference", "target", "setpoint", "goal")
 """Words that say of a quantity that it is asked for, before its name or after it; alone, of the position."""
 
 
-def _asked(*words: str) -> tuple[str, ...]:
+def _desired(*words: str) -> tuple[str, ...]:
     """What the desired value of a quantity with these words is called."""
     return tuple(text for word in words for d in DESIRED for text in (f"{word}_{d}", f"{d}_{word}"))
 
 
 # channel -> words for it, beside its own name
 SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "q_des": (*_asked("q", "position", "positions", "pos", "angle", "joint_position"), "q_cmd", *DESIRED),
-    "qd_des": _asked("qd", "dq", "qdot", "velocity", "velocities", "vel", "speed", "joint_velocity"),
-    "qdd_des": _asked("qdd", "ddq", "qddot", "acceleration", "acc", "joint_acceleration"),
+    "q_des": (*_desired("q", "position", "positions", "pos", "angle", "joint_position"), "q_cmd", *DESIRED),
+    "qd_des": _desired("qd", "dq", "qdot", "velocity", "velocities", "vel", "speed", "joint_velocity"),
+    "qdd_des": _desired("qdd", "ddq", "qddot", "acceleration", "acc", "joint_acceleration"),
     "command_ff": ("tau_ff", "feedforward", "effort_ff", "effort_feedforward"),
     "command_fb": ("tau_fb", "feedback", "effort_fb", "effort_feedback"),
     "q": (
@@ -38,7 +38,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "orientation": ("q", "quat", "quaternion", "attitude_q"),
     "attitude": ("stabilizer", "state_estimate", "stateestimate", "euler", "rpy"),
     "battery_voltage": ("vbat", "vbatt", "pm_vbat"),
-    "position_des": ("position_ref", "setpoint", "p_des", *_asked("position", "pos", "p"), *DESIRED),
+    "position_des": ("position_ref", "setpoint", "p_des", *_desired("position", "pos", "p"), *DESIRED),
 }
 # Sensors that recorders write under several names at once: the first complete spelling is taken, as of plans.
 SENSORS = ("specific_force", "rates", "position", "velocity", "orientation", "attitude", "position_des")
@@ -103,10 +103,10 @@ def split_unit(header: str) -> tuple[str, str]:
     """('Elbow Position', 'deg') of 'Elbow Position [deg]'; a bare number in brackets is an index, no unit;
     nothing but brackets is a header of two names, ('elbow', 'position').
     """
-    found = re.search(r"\s*[\[(]([^\])]*)[\])]\s*$", header)
-    if found is None or found.start() == 0 or found.group(1).strip().isdigit():
+    match = re.search(r"\s*[\[(]([^\])]*)[\])]\s*$", header)
+    if match is None or match.start() == 0 or match.group(1).strip().isdigit():
         return header, ""
-    return header[: found.start()], found.group(1).strip().lower()
+    return header[: match.start()], match.group(1).strip().lower()
 
 
 def split_suffix(header: str) -> tuple[str, str]:

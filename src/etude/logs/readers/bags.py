@@ -159,8 +159,8 @@ def check_chunks(path: Path, count: Callable[[bytes, bytes], None]) -> None:
             length = int.from_bytes(head[1:], "little")
             if head[0] == CHUNK and length >= LEAST_BOMB:
                 chunk = file.read(min(length, size - place))
-                words = int.from_bytes(chunk[CHUNK_FIXED : CHUNK_FIXED + 4], "little")
-                start = CHUNK_FIXED + 4 + words
+                length_of_name = int.from_bytes(chunk[CHUNK_FIXED : CHUNK_FIXED + 4], "little")
+                start = CHUNK_FIXED + 4 + length_of_name
                 count(chunk[CHUNK_FIXED + 4 : start], chunk[start + 8 :])
             place += HEAD + length
 
@@ -274,13 +274,15 @@ class BagReader:
             with opened(path) as (readers, repairs):
                 listed = {c.topic: c.msgtype for reader in readers for c in reader.connections}
                 stores = Stores(path)
-                wanted = _asked(listed, topics, path) or _with_joints(readers, stores, listed, path, repairs)
-                found, cut = _read(readers, stores, wanted, path, bool(topics))
+                names = _requested(listed, topics, path) or _with_joints(
+                    readers, stores, listed, path, repairs
+                )
+                selected, cut = _read(readers, stores, names, path, bool(topics))
         except EtudeError:
             raise
         except Exception as problem:  # the libraries below fail with anything
             raise _unreadable(path, problem) from problem
-        chosen, sentences = (list(found), ()) if topics else _chosen(found, listed, path)
+        chosen, sentences = (list(selected), ()) if topics else _chosen(selected, listed, path)
         return _logs(chosen, path.name, (*repairs, *cut, *sentences))
 
     def recognises(self, path: Path, head: bytes) -> bool:
@@ -288,7 +290,8 @@ class BagReader:
         return is_bag_folder(path) or head.startswith((SQLITE, MAGIC))
 
 
-def _asked(listed: Mapping[str, str], topics: Sequence[str], path: Path) -> tuple[str, ...]:
+def _requested(listed: Mapping[str, str], topics: Sequence[str], path: Path) -> tuple[str, ...]:
+    """The topics that a user names. DataError: the bag lacks one of them."""
     for topic in topics:
         if topic not in listed:
             raise DataError(
@@ -302,9 +305,9 @@ def _with_joints(
 ) -> tuple[str, ...]:
     """Names of the topics that hold joint states; `repairs` may say why there are none."""
     connections = {c.topic: c for reader in readers for c in reader.connections}
-    found = tuple(name for name, c in connections.items() if _may_hold_joints(c, stores))
-    if found:
-        return found
+    names = tuple(name for name, c in connections.items() if _may_hold_joints(c, stores))
+    if names:
+        return names
     raise DataError(
         " ".join(["the bag has no topic with joint states.", *repairs]).rstrip("."),
         where=str(path),
@@ -328,14 +331,14 @@ def _list(listed: Mapping[str, str]) -> str:
 
 
 def _read(
-    readers: Sequence[Any], stores: Stores, wanted: Sequence[str], path: Path, asked: bool
+    readers: Sequence[Any], stores: Stores, requested: Sequence[str], path: Path, is_named: bool
 ) -> tuple[list[Topic], tuple[str, ...]]:
-    """The wanted topics, as far as the storages can be read, and a sentence for what is left out.
+    """The requested topics, as far as the storages can be read, and a sentence for what is left out.
 
     Args:
-        asked: whether a user named them; of others, one that nobody can read harms none that can be read.
+        is_named: whether a user named them; of others, one that nobody can read harms none that can be read.
     """
-    rows = {name: TopicRows() for name in wanted}
+    rows = {name: TopicRows() for name in requested}
     unreadable: dict[str, DataError] = {}
     types: dict[str, str] = {}
     cut = ""
@@ -357,28 +360,28 @@ def _read(
                 _add(rows[connection.topic], connection, received, data, stores, path)
             except DataError as error:
                 unreadable[connection.topic] = error
-                if asked or len(unreadable) == len(rows):
+                if is_named or len(unreadable) == len(rows):
                     raise
-    readable = [name for name in wanted if name not in unreadable]
-    found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in readable]
-    empty = [topic.name for topic in found if not topic.columns]
-    if len(empty) == len(found):
+    readable = [name for name in requested if name not in unreadable]
+    read = [Topic(name, types[name], rows[name], rows[name].columns()) for name in readable]
+    empty = [topic.name for topic in read if not topic.columns]
+    if len(empty) == len(read):
         raise DataError(
             f"topic {', '.join(empty)} holds no numbers. {cut}".rstrip(". "),
             where=str(path),
             next_step="Name another with --topic, or record again.",
         )
     left = tuple(f"Topic {name} was left out: {error.fact}." for name, error in unreadable.items())
-    return [topic for topic in found if topic.columns], (*((cut,) if cut else ()), *left)
+    return [topic for topic in read if topic.columns], (*((cut,) if cut else ()), *left)
 
 
 def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Stores, path: Path) -> None:
     try:
         store = stores.of(connection)
-        known = connection.msgtype in store.fielddefs
+        is_known = connection.msgtype in store.fielddefs
     except Exception:
-        known = False
-    if not known:
+        is_known = False
+    if not is_known:
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
         if not isinstance(data, bytes) or not isinstance(received, int):  # a cell of SQLite may be empty
@@ -395,15 +398,17 @@ def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Sto
 
 
 def _chosen(
-    found: Sequence[Topic], listed: Mapping[str, str], path: Path
+    candidates: Sequence[Topic], listed: Mapping[str, str], path: Path
 ) -> tuple[list[Topic], tuple[str, ...]]:
     """Of all topics with joints one for each signal: the most plain type first, others for what it lacks.
 
     Raises:
         DataError: two topics tell of the same joints in the same way, or of other joints: two robots.
     """
-    ranked = sorted(found, key=lambda t: (not t.joints, LIKED.index(t.msgtype) if t.msgtype in LIKED else 9))
-    leader, kept = ranked[0], [ranked[0]]
+    ranked = sorted(
+        candidates, key=lambda t: (not t.joints, LIKED.index(t.msgtype) if t.msgtype in LIKED else 9)
+    )
+    leader, chosen = ranked[0], [ranked[0]]
     for topic in ranked[1:]:
         other = bool(topic.joints) and not topic.joints & leader.joints
         if other or (topic.msgtype == leader.msgtype and topic.joints & leader.joints):
@@ -413,17 +418,19 @@ def _chosen(
                 where=str(path),
                 next_step=f"Name the one: --topic {leader.name}, or --topic {topic.name}.",
             )
-        had = {name for one in kept for name in one.columns}
+        had = {name for one in chosen for name in one.columns}
         new = {name: column for name, column in topic.columns.items() if name not in had}
         if new:
-            kept.append(replace(topic, columns=new))
-    names = {topic.name for topic in kept}
+            chosen.append(replace(topic, columns=new))
+    names = {topic.name for topic in chosen}
     unread = {name: msgtype for name, msgtype in listed.items() if name not in names}
-    said = f"Topic {', '.join(sorted(names))} was read"
-    sentences: tuple[str, ...] = (f"{said}; the bag also has {_list(unread)}." if unread else f"{said}.",)
-    if leader.joints and not any(column.startswith("effort") for topic in kept for column in topic.columns):
+    sentence = f"Topic {', '.join(sorted(names))} was read"
+    sentences: tuple[str, ...] = (
+        f"{sentence}; the bag also has {_list(unread)}." if unread else f"{sentence}.",
+    )
+    if leader.joints and not any(column.startswith("effort") for topic in chosen for column in topic.columns):
         sentences += ("No effort is in it: the driver did not fill that field.",)
-    return kept, sentences
+    return chosen, sentences
 
 
 def _joints(topic: Topic) -> str:
@@ -437,11 +444,11 @@ def _logs(topics: Sequence[Topic], source: str, repairs: tuple[str, ...]) -> dic
     received: list[Index] = [np.array(topic.rows.received, dtype=np.int64) for topic in topics]
     stamps = all((t > 0).all() and t[-1] > t[0] for t in stamped) and _overlap(stamped)
     times = stamped if stamps else received
-    said = "Time is that of the messages' headers." if stamps else "Time is when messages were recorded."
+    sentence = "Time is that of the messages' headers." if stamps else "Time is when messages were recorded."
     start = min(int(t.min()) for t in times)
     logs = {}
     for topic, t in zip(topics, times, strict=True):
-        raw = raw_log(topic.columns, source, (*repairs, said))
+        raw = raw_log(topic.columns, source, (*repairs, sentence))
         # whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first
         logs[topic.name] = replace(raw, t=np.asarray((t - start) * 1e-9, dtype=np.float64))
     return logs

@@ -49,32 +49,32 @@ def nanoseconds(cells: Sequence[str | None]) -> Array | None:
     return np.array([_read(pattern.fullmatch(cell or ""), read) for cell in cells], dtype=np.float64)
 
 
-def _read(found: re.Match[str] | None, read: Callable[[re.Match[str]], float]) -> float:
-    if found is None:
+def _read(match: re.Match[str] | None, read: Callable[[re.Match[str]], float]) -> float:
+    if match is None:
         return float("nan")
     try:
-        return read(found)
+        return read(match)
     except ValueError:  # the 31st of June
         return float("nan")
 
 
-def _date(found: re.Match[str]) -> float:
-    month, day = found["m"], int(found["d"])
+def _date(match: re.Match[str]) -> float:
+    month, day = match["m"], int(match["d"])
     number = int(month) if month.isdigit() else MONTHS.index(month.lower()) + 1
     if number > 12 >= day:
         number, day = day, number
-    at = np.datetime64(f"{found['y']}-{number:02d}-{day:02d}", "ns").astype(np.int64)
-    return float(at) + _clock(found)
+    at = np.datetime64(f"{match['y']}-{number:02d}-{day:02d}", "ns").astype(np.int64)
+    return float(at) + _clock(match)
 
 
-def _clock(found: re.Match[str]) -> float:
+def _clock(match: re.Match[str]) -> float:
     """ns since midnight of `h`, `min`, `s` and `half`, a.m. or p.m."""
-    hours = int(found["h"])
-    if found["half"]:
-        hours = hours % 12 + 12 * (found["half"].lower() == "p")
-    if hours > 23 or int(found["min"]) > 59 or _seconds(found["s"]) > 61.0:  # a leap second is a time
-        raise ValueError(f"no time of a day: {found[0]}")
-    return GIGA * ((hours * 60.0 + int(found["min"])) * 60.0 + _seconds(found["s"]))
+    hours = int(match["h"])
+    if match["half"]:
+        hours = hours % 12 + 12 * (match["half"].lower() == "p")
+    if hours > 23 or int(match["min"]) > 59 or _seconds(match["s"]) > 61.0:  # a leap second is a time
+        raise ValueError(f"no time of a day: {match[0]}")
+    return GIGA * ((hours * 60.0 + int(match["min"])) * 60.0 + _seconds(match["s"]))
 
 
 def _seconds(text: str) -> float:
@@ -82,17 +82,17 @@ def _seconds(text: str) -> float:
     return float(text.replace(",", ".").replace(":", "."))
 
 
-def _duration(found: re.Match[str]) -> float:
-    days, hours, minutes = (int(part or 0) for part in found.groups()[:3])
-    return GIGA * (((24.0 * days + hours) * 60.0 + minutes) * 60.0 + _seconds(found[4]))
+def _duration(match: re.Match[str]) -> float:
+    days, hours, minutes = (int(part or 0) for part in match.groups()[:3])
+    return GIGA * (((24.0 * days + hours) * 60.0 + minutes) * 60.0 + _seconds(match[4]))
 
 
-def _minutes(found: re.Match[str]) -> float:
-    return GIGA * (60.0 * int(found[1]) + _seconds(found[2]))
+def _minutes(match: re.Match[str]) -> float:
+    return GIGA * (60.0 * int(match[1]) + _seconds(match[2]))
 
 
-def _measured(found: re.Match[str]) -> float:
-    return GIGA * SECONDS[found[2]] * float(found[1])
+def _measured(match: re.Match[str]) -> float:
+    return GIGA * SECONDS[match[2]] * float(match[1])
 
 
 FORMS = (
@@ -173,8 +173,8 @@ def rectangle(series: pl.Series) -> Array | None:
 
 
 def _split(cell: str) -> list[str]:
-    found = LIST.fullmatch(cell)
-    inner = found[1] if found is not None else cell.strip().strip("[]()")
+    match = LIST.fullmatch(cell)
+    inner = match[1] if match is not None else cell.strip().strip("[]()")
     return [SCALAR.sub("", part.strip()).strip("'\"") for part in re.split(r"[,;\s]+", inner) if part.strip()]
 
 
@@ -225,8 +225,8 @@ SEPARATING = ",;|'\"\t "
 
 def text_cell(text: str) -> str:
     """A cell of CSV that `restored`, or any reader of quoted cells, gives back."""
-    own = AS_TEXT + text if text.startswith((*FORMULA, AS_TEXT)) else text
-    return '"{}"'.format(own.replace('"', '""')) if any(c in own for c in SEPARATING) else own
+    escaped = AS_TEXT + text if text.startswith((*FORMULA, AS_TEXT)) else text
+    return '"{}"'.format(escaped.replace('"', '""')) if any(c in escaped for c in SEPARATING) else escaped
 
 
 def header_row(names: Iterable[str]) -> str:

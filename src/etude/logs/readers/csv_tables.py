@@ -60,18 +60,18 @@ class TextBlocks:
 
     Attributes:
         path: the file.
-        rest: the last line, if it has no end; it is left out, since part of its last number may be lost.
+        unended: the last line, if it has no end; it is left out, since part of its last number may be lost.
     """
 
     path: Path
-    rest: bytes = b""
+    unended: bytes = b""
 
     def __iter__(self) -> Iterator[bytes]:
         """DataError: the file is binary."""
         left, lost_feed = b"", False
         with self.path.open("rb") as file:
             start = file.read(3)
-            mark = next((own for own in ENCODINGS if start.startswith(own)), b"")
+            mark = next((candidate for candidate in ENCODINGS if start.startswith(candidate)), b"")
             file.seek(len(mark))
             decoder = codecs.getincrementaldecoder(ENCODINGS.get(mark, "utf-8"))()
             while data := file.read(BLOCK):
@@ -81,15 +81,15 @@ class TextBlocks:
                         text = text[1:]
                     lost_feed = text.endswith(b"\r")
                     text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-                lines, feed, rest = text.rpartition(b"\n")
+                lines, feed, remainder = text.rpartition(b"\n")
                 if feed:
                     yield left + lines + feed
-                    left = rest
+                    left = remainder
                 else:
-                    left += rest
+                    left += remainder
                 if len(left) > LONGEST_LINE:
                     raise self._binary()
-        self.rest = left
+        self.unended = left
 
     def _decoded(self, decoder: codecs.IncrementalDecoder, data: bytes) -> bytes:
         try:
@@ -163,13 +163,13 @@ def echo_names(cells: Sequence[str], where: str) -> list[str]:
         return []
     arrays = values // joints
     if arrays == 2:
-        own = ",".join(
+        header = ",".join(
             [*STAMP, *(f"{w}[{i}]" for w in ("name", "position", "effort") for i in range(joints))]
         )
         raise DataError(
             "a message has two values for each joint: position, and velocity or effort",
             where=where,
-            next_step=f"Add a header row, for efforts: {own}",
+            next_step=f"Add a header row, for efforts: {header}",
         )
     if arrays > len(ARRAYS):
         return []
@@ -212,15 +212,15 @@ def header_of(block: bytes, where: str) -> Header:
     first = _cells(plain[0].text, separator, where)
     echoed = echo_names(first, where)
     if echoed:
-        said = "There is no header; the columns are those of `ros2 topic echo --csv`."
-        return Header(tuple(echoed), separator, 0, (said,))
+        sentence = "There is no header; the columns are those of `ros2 topic echo --csv`."
+        return Header(tuple(echoed), separator, 0, (sentence,))
     if all(is_number(cell) for cell in first):
         return _commented(lines, plain[0], separator, where)
-    found = _above(plain, where) or Header(tuple(first), separator, plain[0].end)
-    rows = [line for line in plain if line.end > found.end]
-    found = _named(_second(found, rows, where))
-    _check(found, [line for line in rows if line.end > found.end], where)
-    return found
+    header = _above(plain, where) or Header(tuple(first), separator, plain[0].end)
+    rows = [line for line in plain if line.end > header.end]
+    header = _named(_second(header, rows, where))
+    _check(header, [line for line in rows if line.end > header.end], where)
+    return header
 
 
 def _lines(block: bytes) -> Iterator[_TextLine]:
@@ -264,9 +264,9 @@ def _commented(lines: Sequence[_TextLine], first: _TextLine, separator: str, whe
     if len(names) != width or any(is_number(name) for name in names):
         numbers = tuple(f"{NUMBERED} {k}" for k in range(1, width + 1))
         return Header(numbers, separator, 0, ("There is no header: columns are numbered from 1.",))
-    found = Header(tuple(names), separator, above[-1].end)
-    _check(found, [first], where)
-    return found
+    header = Header(tuple(names), separator, above[-1].end)
+    _check(header, [first], where)
+    return header
 
 
 def _above(plain: Sequence[_TextLine], where: str) -> Header | None:
@@ -282,8 +282,8 @@ def _above(plain: Sequence[_TextLine], where: str) -> Header | None:
             if k and _is_names(plain[k - 1].text, separator, len(names), where):
                 k, line = k - 1, plain[k - 1]  # a row of units, or a second one of names, is below
             names = _cells(line.text, separator, where)
-            said = f"{k} line{'s'[: k > 1]} above the header {'were' if k > 1 else 'was'} left out."
-            return Header(tuple(names), separator, line.end, (said,) if k else ())
+            sentence = f"{k} line{'s'[: k > 1]} above the header {'were' if k > 1 else 'was'} left out."
+            return Header(tuple(names), separator, line.end, (sentence,) if k else ())
     return None
 
 
@@ -292,37 +292,37 @@ def _is_names(line: str, separator: str, width: int, where: str) -> bool:
     return len(cells) == width and not any(map(is_number, cells))
 
 
-def _second(found: Header, rows: Sequence[_TextLine], where: str) -> Header:
+def _second(header: Header, rows: Sequence[_TextLine], where: str) -> Header:
     """The header with the row below it, if that holds units, or tells apart names that stand twice."""
-    cells = _cells(rows[0].text, found.separator, where) if rows else []
-    if len(cells) != len(found.names) or not any(cells) or any(is_number(cell) for cell in cells):
-        return found
+    cells = _cells(rows[0].text, header.separator, where) if rows else []
+    if len(cells) != len(header.names) or not any(cells) or any(is_number(cell) for cell in cells):
+        return header
     units = [cell.strip("[]() -").lower() for cell in cells]
     if all(unit_in(unit) or unit in {**TIME_UNITS, **MINUTES, **TIME_SPELLINGS} for unit in units):
-        pairs = zip(found.names, units, strict=True)
-        names, said = (
+        pairs = zip(header.names, units, strict=True)
+        names, sentence = (
             [f"{name} [{u}]" if u else name for name, u in pairs],
             "Units are those of the second row.",
         )
-    elif len(set(found.names)) < len(found.names):
-        both = zip(found.names, cells, strict=True)
-        names, said = [".".join(filter(None, pair)) for pair in both], "The header has two rows."
+    elif len(set(header.names)) < len(header.names):
+        both = zip(header.names, cells, strict=True)
+        names, sentence = [".".join(filter(None, pair)) for pair in both], "The header has two rows."
     else:
-        return found
-    return replace(found, names=tuple(names), end=rows[0].end, repairs=(*found.repairs, said))
+        return header
+    return replace(header, names=tuple(names), end=rows[0].end, repairs=(*header.repairs, sentence))
 
 
-def _named(found: Header) -> Header:
+def _named(header: Header) -> Header:
     """The header with a name for columns that have none: an index, or separators at the end of lines."""
-    names = tuple(name or f"{NAMELESS} {k}" for k, name in enumerate(found.names, 1))
-    return replace(found, names=names)
+    names = tuple(name or f"{NAMELESS} {k}" for k, name in enumerate(header.names, 1))
+    return replace(header, names=names)
 
 
-def _check(found: Header, rows: Sequence[_TextLine], where: str) -> None:
+def _check(header: Header, rows: Sequence[_TextLine], where: str) -> None:
     """Raises a DataError if a name is a fraction or occurs twice, or if the first row has more cells than
     there are columns.
     """
-    number = next((name for name in found.names if is_number(name) and not name.lstrip("+-").isdigit()), "")
+    number = next((name for name in header.names if is_number(name) and not name.lstrip("+-").isdigit()), "")
     if number:
         raise DataError(
             f"the line that ought to be the header holds a number ({number})",
@@ -330,13 +330,13 @@ def _check(found: Header, rows: Sequence[_TextLine], where: str) -> None:
             next_step="Add a header row such as t,q_<joint>,tau_<joint>; of rows of several kinds, export "
             "each kind on its own.",
         )
-    double = sorted({name for name in found.names if found.names.count(name) > 1})
+    double = sorted({name for name in header.names if header.names.count(name) > 1})
     if double:
         raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
-    cells = _cells(rows[0].text, found.separator, where) if rows else []
-    if len(cells) > len(found.names):
+    cells = _cells(rows[0].text, header.separator, where) if rows else []
+    if len(cells) > len(header.names):
         raise DataError(
-            f"the header names {len(found.names)} columns, and the first row has {len(cells)} cells",
+            f"the header names {len(header.names)} columns, and the first row has {len(cells)} cells",
             where=where,
             next_step="Name every column in the header, or take out separators at the end of rows.",
         )
@@ -350,20 +350,20 @@ def csv_log(path: Path) -> Log:
         DataError: not text, blank, without a header or with a broken one.
     """
     blocks = TextBlocks(path)
-    rest = iter(blocks)
-    first = next((block for block in rest if block.strip()), b"")
+    remaining = iter(blocks)
+    first = next((block for block in remaining if block.strip()), b"")
     if not first:
         raise DataError(_nothing(path), where=str(path), next_step=AGAIN)
     form, body, repairs = _form(first, path)
-    log = _read(chain([body], rest), form, path)
-    return log.repaired(*repairs, *_end(blocks.rest, form))
+    log = _read(chain([body], remaining), form, path)
+    return log.repaired(*repairs, *_end(blocks.unended, form))
 
 
-def _end(rest: bytes, form: _Form) -> tuple[str, ...]:
+def _end(line: bytes, form: _Form) -> tuple[str, ...]:
     """What is to be said of a last line without an end: some programs write none after the last row."""
-    if not rest.strip():
+    if not line.strip():
         return ()
-    if rest.count(form.separator.encode()) < len(form.names) - 1:
+    if line.count(form.separator.encode()) < len(form.names) - 1:
         return ("The log was cut in the middle of a line, which was dropped.",)
     return ("The last line has no end (a cut file?) and was dropped.",)
 
@@ -381,12 +381,12 @@ def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
     body = first[header.end :].lstrip(b"\n")
     sample = body[: 2**16].decode(errors="ignore").split("\n")[:20]
     comma = header.separator != "," and bool(DECIMAL_COMMA.search("\n".join(sample)))
-    said = ("Numbers were read with a decimal comma.",) if comma else ()
+    sentences = ("Numbers were read with a decimal comma.",) if comma else ()
     form = _Form(header.names, header.separator, comma)
-    return _judged(form, body, path), body, (*header.repairs, *said)
+    return _with_types(form, body, path), body, (*header.repairs, *sentences)
 
 
-def _judged(form: _Form, body: bytes, path: Path) -> _Form:
+def _with_types(form: _Form, body: bytes, path: Path) -> _Form:
     """The form with the types of its columns: numbers where most of the first cells are."""
     end = 0
     for _ in range(JUDGED):
@@ -418,13 +418,13 @@ def _all_numbers(blocks: Iterator[bytes], form: _Form, path: Path) -> dict[str, 
     for block in blocks:
         if not block.strip():
             continue
-        own = _numeric_columns(block, form, path)
-        end = rows + len(own[0])
+        numbers = _numeric_columns(block, form, path)
+        end = rows + len(numbers[0])
         if end > len(columns[0]):
             # rows of the whole file, by this block's, and a tenth more since numbers differ in length
-            expected = int(1.1 * len(own[0]) * path.stat().st_size / len(block))
+            expected = int(1.1 * len(numbers[0]) * path.stat().st_size / len(block))
             columns = [_longer(column, rows, max(expected, 2 * end)) for column in columns]
-        for column, values in zip(columns, own, strict=True):
+        for column, values in zip(columns, numbers, strict=True):
             column[rows:end] = values
         rows = end
     return {name: column[:rows] for name, column in zip(form.names, columns, strict=True)}

@@ -48,11 +48,11 @@ def needed(module: str, doing: str, path: Path | None = None, otherwise: str = "
     try:
         return importlib.import_module(module)
     except ImportError as problem:
-        wanted = requirement(module.split(".")[0])
+        package = requirement(module.split(".")[0])
         raise UsageError(
-            f"{doing} needs {wanted.partition('>')[0]}, which is not installed ({problem})",
+            f"{doing} needs {package.partition('>')[0]}, which is not installed ({problem})",
             where="" if path is None else str(path),
-            next_step=f"Install it: pip install '{wanted}'" + (f", {otherwise}" if otherwise else ""),
+            next_step=f"Install it: pip install '{package}'" + (f", {otherwise}" if otherwise else ""),
         ) from None
 
 

@@ -171,17 +171,17 @@ def _check_chunk(data: bytes, end: int, chunk: Mapping[int, Any], rows: int) -> 
     start = min(chunk[9], chunk.get(11) or chunk[9])
     if not (4 <= start <= start + size <= end) or values < 1 or (len(chunk[3]) == 1 and values != rows):
         raise ValueError("a column is not where the footer says, or not as long")
-    stop, seen = start + size, 0
-    while seen < values:
+    stop, counted = start + size, 0
+    while counted < values:
         header, start = _struct(data, start, stop)
         packed, unpacked = header[3], header[2]
         if not (
             0 <= packed <= stop - start and 0 <= unpacked <= max(ALWAYS_BELIEVED, LARGEST_RATIO * packed)
         ):
             raise ValueError("a page is longer than its column")
-        seen += _values(header, unpacked)
+        counted += _values(header, unpacked)
         start += packed
-    if seen != values:
+    if counted != values:
         raise ValueError("the pages of a column do not add up to its values")
 
 
@@ -194,10 +194,10 @@ def _values(header: Mapping[int, Any], unpacked: int) -> int:
         return 0
     if kind not in (DATA, DATA_V2):
         return 0
-    own = header[5 if kind == DATA else 8]
-    count = int(own[1])
-    levels = own.get(5, 0) + own.get(6, 0) if kind == DATA_V2 else 0
-    nulls = own.get(2, 0) if kind == DATA_V2 else 0
+    page = header[5 if kind == DATA else 8]
+    count = int(page[1])
+    levels = page.get(5, 0) + page.get(6, 0) if kind == DATA_V2 else 0
+    nulls = page.get(2, 0) if kind == DATA_V2 else 0
     if count < 0 or not 0 <= nulls <= count or not 0 <= levels <= unpacked:
         raise ValueError("a page counts more values than it can hold")
     return count
@@ -248,11 +248,11 @@ def _list(data: bytes, place: int, stop: int, depth: int) -> tuple[list[Any], in
         count, place = _varint(data, place, stop)
     if count > stop - place:
         raise ValueError("its footer is cut")
-    found = []
+    items = []
     for _ in range(count):
         item, place = _value(kind, data, place, stop, depth + 1)
-        found.append(item)
-    return found, place
+        items.append(item)
+    return items, place
 
 
 def _byte(data: bytes, place: int, stop: int) -> int:
@@ -299,7 +299,7 @@ def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
 def without_panics_on_screen() -> Iterator[None]:
     """Sends what compiled code writes to standard error nowhere: a panic there is told as an error here."""
     try:
-        kept = os.dup(2)
+        duplicate = os.dup(2)
     except OSError:  # there is no standard error
         yield
         return
@@ -308,8 +308,8 @@ def without_panics_on_screen() -> Iterator[None]:
             os.dup2(nowhere.fileno(), 2)
             yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(duplicate, 2)
+        os.close(duplicate)
 
 
 def guarded(action: Callable[[], T], path: Path, format_: str) -> T:
@@ -380,20 +380,20 @@ def named_columns(
     Raises:
         DataError: a name stands twice in one row.
     """
-    found: dict[str, Array] = {}
+    joint_columns: dict[str, Array] = {}
     used: set[str] = set()
     sentences: list[str] = []
     for arrays in (*_lists(columns), *_numbered(columns)):
         if arrays.names is None:
-            found |= _entries(arrays.values)
-            sentences += _said(arrays)
+            joint_columns |= _entries(arrays.values)
+            sentences += _list_sentences(arrays)
         elif arrays.values:
             rows = _by_name(arrays.names, where)
             for stem, values in arrays.values.items():
-                found |= {f"{stem}/{name}": _taken(values, at) for name, at in rows.items()}
+                joint_columns |= {f"{stem}/{name}": _taken(values, at) for name, at in rows.items()}
             sentences.append(f"Columns {', '.join(arrays.values)} were mapped to joints by the names beside.")
         used.update(arrays.used)
-    return found, used, tuple(sentences)
+    return joint_columns, used, tuple(sentences)
 
 
 def _entries(values: Mapping[str, Array]) -> dict[str, Array]:
@@ -401,14 +401,14 @@ def _entries(values: Mapping[str, Array]) -> dict[str, Array]:
     return {f"{stem}[{i}]": column for stem, rows in values.items() for i, column in enumerate(rows.T)}
 
 
-def _said(arrays: _Arrays) -> list[str]:
+def _list_sentences(arrays: _Arrays) -> list[str]:
     left = [header for header in arrays.used if header not in arrays.values]
     sentences = (
         [f"Columns {', '.join(left)} hold lists of no numbers or of many; they were ignored."] if left else []
     )
     if arrays.values:
-        own = ", ".join(arrays.values)
-        sentences.append(f"Columns {own} hold lists without names; their entries were numbered from 0.")
+        headers = ", ".join(arrays.values)
+        sentences.append(f"Columns {headers} hold lists without names; their entries were numbered from 0.")
     return sentences
 
 
@@ -419,7 +419,7 @@ def _by_name(names: Any, where: str) -> dict[str, Any]:
         return {}
     constant = bool((names == names[:1]).all())
     counts = Counter(names[0].tolist() if constant else names.ravel().tolist())
-    found = {}
+    entries = {}
     for name, count in counts.items():
         if not name or (not constant and count < LEAST_ROWS * rows):
             continue
@@ -431,8 +431,8 @@ def _by_name(names: Any, where: str) -> dict[str, Any]:
                 next_step="Export the log again with each joint's name once.",
             )
         at = np.where(match.any(axis=1), match.argmax(axis=1), -1)
-        found[name] = np.full(rows, at[0]) if constant else at
-    return found
+        entries[name] = np.full(rows, at[0]) if constant else at
+    return entries
 
 
 def _taken(values: Array, at: Any) -> Array:
@@ -448,18 +448,18 @@ def _numbered(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
         match = ENTRY.fullmatch(normal(header))
         if match is not None and len(match["index"]) < 4:
             entries.setdefault(match["stem"], {})[int(match["index"])] = header
-    found = []
+    arrays = []
     for stem, headers in entries.items():
         prefix = NAMES.fullmatch(stem)
         if prefix is None or not all(is_text(columns[h]) for h in headers.values()):
             continue
         indices = sorted(headers)
         names = np.stack([texts_of(columns[headers[i]]) for i in indices], axis=1)
-        own = {s: e for s, e in entries.items() if s != stem and s.startswith(prefix["prefix"])}
-        values = {s: _columns(columns, e, indices) for s, e in own.items() if set(e) & set(indices)}
-        used = [*headers.values(), *(h for s in values for h in own[s].values())]
-        found.append(_Arrays(names, values, tuple(used)))
-    return found
+        stems = {s: e for s, e in entries.items() if s != stem and s.startswith(prefix["prefix"])}
+        values = {s: _columns(columns, e, indices) for s, e in stems.items() if set(e) & set(indices)}
+        used = [*headers.values(), *(h for s in values for h in stems[s].values())]
+        arrays.append(_Arrays(names, values, tuple(used)))
+    return arrays
 
 
 def _columns(columns: Mapping[str, pl.Series], entries: Mapping[int, str], indices: Sequence[int]) -> Array:
@@ -473,16 +473,16 @@ def _lists(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
     """Arrays as one column of lists; those without names are reported as such."""
     lists = {header: series for header, series in columns.items() if is_list(series)}
     texts = {h: p["prefix"] for h in lists if (p := NAMES.fullmatch(normal(h))) is not None}
-    found: list[_Arrays] = []
+    arrays: list[_Arrays] = []
     taken: set[str] = set()
     for header, prefix in texts.items():
-        own = [h for h in lists if h not in texts and normal(h).startswith(prefix)]
-        values = {h: _numbers(lists[h]) for h in own}
-        found.append(_Arrays(matrix(lists_of(lists[header]), str), values, (header, *own)))
-        taken.update((header, *own))
+        headers = [h for h in lists if h not in texts and normal(h).startswith(prefix)]
+        values = {h: _numbers(lists[h]) for h in headers}
+        arrays.append(_Arrays(matrix(lists_of(lists[header]), str), values, (header, *headers)))
+        taken.update((header, *headers))
     alone = tuple(h for h in lists if h not in taken)
     values = {h: rows for h in alone if (rows := _unnamed(lists[h])) is not None}
-    return [*found, *([_Arrays(None, values, alone)] if alone else [])]
+    return [*arrays, *([_Arrays(None, values, alone)] if alone else [])]
 
 
 def _numbers(series: pl.Series) -> Array:

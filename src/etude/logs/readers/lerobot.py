@@ -62,7 +62,7 @@ class LerobotReader:
         names = _names(root)
         frames = {file: parquet_frame(file) for file in files}
         where = {e: file for file, frame in frames.items() for e in _episodes(frame)}
-        episode = _asked(sorted(where), topics, path)
+        episode = _requested_episode(sorted(where), topics, path)
         frame = _rows(frames[where[episode]], episode)
         return {f"{EPISODE}{episode}": guarded(lambda: _log(frame, names, path), path, "a LeRobot dataset")}
 
@@ -80,15 +80,15 @@ def _names(root: Path) -> dict[str, list[str]]:
     """Names of the entries of each feature; they may stand in a list, or in one within it or under a word."""
     try:
         features = json.loads((root / INFO).read_text(encoding="utf-8"))["features"]
-        found = {}
+        entry_names = {}
         for feature in FEATURES:
             names = features.get(feature, {}).get("names")
             names = next(iter(names.values()), None) if isinstance(names, dict) else names
             names = names[0] if isinstance(names, list) and len(names) == 1 else names
             names = [names] if isinstance(names, str) else names
             if isinstance(names, list) and all(isinstance(name, str) for name in names):
-                found[feature] = names
-        return found
+                entry_names[feature] = names
+        return entry_names
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as problem:
         raise DataError(
             f"the dataset's description cannot be read ({type(problem).__name__})",
@@ -104,7 +104,10 @@ def _episodes(frame: pl.DataFrame) -> list[int]:
     return [int(n) for n in np.unique(numbers[np.isfinite(numbers)])]
 
 
-def _asked(episodes: Sequence[int], topics: Sequence[str], path: Path) -> int:
+def _requested_episode(episodes: Sequence[int], topics: Sequence[str], path: Path) -> int:
+    """The episode that a user names, or the only one. DataError: none or several are named, or it is
+    absent.
+    """
     listed = ", ".join(f"{EPISODE}{n}" for n in episodes[:LISTED]) or "none"
     more = f" and {len(episodes) - LISTED} more" if len(episodes) > LISTED else ""
     if not topics and len(episodes) == 1:
@@ -134,22 +137,22 @@ def _rows(frame: pl.DataFrame, episode: int) -> pl.DataFrame:
 
 def _log(frame: pl.DataFrame, names: Mapping[str, Sequence[str]], path: Path) -> Log:
     columns: dict[str, Array] = {}
-    said = ["This is a LeRobot dataset; the actions are wanted positions."]
+    sentences = ["This is a LeRobot dataset; the actions are wanted positions."]
     if "timestamp" in frame.columns:
         columns["timestamp"] = numbers_of(frame["timestamp"])
     for feature, word in FEATURES.items():
         if feature in frame.columns:
             values = _entries(frame[feature])
-            own = names.get(feature, ())
-            if len(own) != values.shape[1]:
-                if own:
-                    said.append(
-                        f"{INFO.as_posix()} names {len(own)} of the {values.shape[1]} entries of {feature}: "
-                        "they were numbered from 0."
+            entries = names.get(feature, ())
+            if len(entries) != values.shape[1]:
+                if entries:
+                    sentences.append(
+                        f"{INFO.as_posix()} names {len(entries)} of the {values.shape[1]} entries of "
+                        f"{feature}: they were numbered from 0."
                     )
-                own = [str(i) for i in range(values.shape[1])]
-            columns |= {_header(word, name): values[:, i] for i, name in enumerate(own)}
-    return raw_log(columns, path.name, tuple(said))
+                entries = [str(i) for i in range(values.shape[1])]
+            columns |= {_header(word, name): values[:, i] for i, name in enumerate(entries)}
+    return raw_log(columns, path.name, tuple(sentences))
 
 
 def _entries(series: pl.Series) -> Array:

@@ -116,8 +116,8 @@ def _facts(channel: Channel) -> dict[str, Any]:
 
 
 def _channel(facts: Mapping[str, Any]) -> Channel:
-    known = {f.name for f in fields(Channel)}
-    values: Any = {n: tuple(v) if isinstance(v, list) else v for n, v in facts.items() if n in known}
+    names = {f.name for f in fields(Channel)}
+    values: Any = {n: tuple(v) if isinstance(v, list) else v for n, v in facts.items() if n in names}
     return Channel(**values)
 
 

@@ -43,8 +43,8 @@ def mat_log(path: Path) -> Log:
         DataError: no MAT file, or without two variables of one length.
         UsageError: a file of version 7.3, and h5py is not installed.
     """
-    found = _simulink(dict(_columns(_loaded(path), "")))
-    lengths = Counter(len(values) for values in found.values() if len(values) > 1)
+    columns = _simulink(dict(_columns(_loaded(path), "")))
+    lengths = Counter(len(values) for values in columns.values() if len(values) > 1)
     if not lengths:
         raise DataError(
             "the file has no variable with more than one number",
@@ -52,34 +52,34 @@ def mat_log(path: Path) -> Log:
             next_step="Save time, positions and commands as arrays with a row for each sample.",
         )
     rows = max(lengths, key=lambda n: (lengths[n], n))
-    left = sorted(name for name, values in found.items() if len(values) != rows)
-    own = {name: values for name, values in found.items() if len(values) == rows}
-    own = _without_struct(own)
-    said = f"Variables of another length than {rows} were left out: {', '.join(left[:12])}."
-    return raw_log(own, path.name, (said,) if left else ())
+    left = sorted(name for name, values in columns.items() if len(values) != rows)
+    of_length = {name: values for name, values in columns.items() if len(values) == rows}
+    of_length = _without_struct(of_length)
+    sentence = f"Variables of another length than {rows} were left out: {', '.join(left[:12])}."
+    return raw_log(of_length, path.name, (sentence,) if left else ())
 
 
-def _simulink(found: dict[str, Array]) -> dict[str, Array]:
+def _simulink(columns: dict[str, Array]) -> dict[str, Array]:
     """Signals that Simulink saved as structures with time (`q.time`, `q.signals.values_1`) under their own
     names, with the time that all of them share; as they are where times differ.
     """
-    blocks = {name.partition(SIGNALS)[0] for name in found if SIGNALS in name}
-    times = [found[f"{block}.time"] for block in blocks if f"{block}.time" in found]
+    blocks = {name.partition(SIGNALS)[0] for name in columns if SIGNALS in name}
+    times = [columns[f"{block}.time"] for block in blocks if f"{block}.time" in columns]
     if not times or not all(np.array_equal(times[0], t) for t in times):
-        return found
-    own = {}
-    for name, values in found.items():
+        return columns
+    renamed = {}
+    for name, values in columns.items():
         if name.removesuffix(".time") not in blocks:
-            own[name.replace(SIGNALS, "").rpartition(".")[2] if SIGNALS in name else name] = values
-    return {"time": times[0], **own}
+            renamed[name.replace(SIGNALS, "").rpartition(".")[2] if SIGNALS in name else name] = values
+    return {"time": times[0], **renamed}
 
 
-def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
+def _without_struct(columns: Mapping[str, Array]) -> dict[str, Array]:
     """The same names without the struct that holds them all: `log.q_1` is q_1."""
-    heads = {name.partition(".")[0] for name in own}
-    if len(heads) != 1 or not all("." in name for name in own):
-        return dict(own)
-    return _without_struct({name.partition(".")[2]: values for name, values in own.items()})
+    heads = {name.partition(".")[0] for name in columns}
+    if len(heads) != 1 or not all("." in name for name in columns):
+        return dict(columns)
+    return _without_struct({name.partition(".")[2]: values for name, values in columns.items()})
 
 
 NUMBERS_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
@@ -100,7 +100,7 @@ def variables4(file: BinaryIO, room: MemoryBudget) -> dict[str, Array]:
     Raises:
         ValueError, struct.error: damaged, or another format. DataError: there is no room for them.
     """
-    found, place, whole = {}, 0, file.seek(0, os.SEEK_END)
+    matrices, place, whole = {}, 0, file.seek(0, os.SEEK_END)
     while place < whole:
         file.seek(place)
         head = file.read(HEADER_4)
@@ -115,8 +115,8 @@ def variables4(file: BinaryIO, room: MemoryBudget) -> dict[str, Array]:
         name = file.read(length).split(b"\0")[0].decode(errors="replace")
         if kind % 10 == FULL and not parts and rows and columns:
             room.take(rows * columns * np.dtype(np.float64).itemsize)
-            found[name] = as_float(file.read, rows * columns, number).reshape((rows, columns), order="F")
-    return found
+            matrices[name] = as_float(file.read, rows * columns, number).reshape((rows, columns), order="F")
+    return matrices
 
 
 def _order(head: bytes) -> str | None:
@@ -125,9 +125,9 @@ def _order(head: bytes) -> str | None:
         return None
     for order, machine in (("<", 0), (">", 1)):
         kind, rows, columns, parts, length = struct.unpack_from(f"{order}5i", head)
-        known = kind // 1000 == machine and kind // 100 % 10 == 0
-        known &= kind // 10 % 10 < len(NUMBERS_4) and kind % 10 < 3 and parts in (0, 1)
-        if known and min(kind, rows, columns) >= 0 and 0 < length <= LONGEST_NAME:
+        is_header = kind // 1000 == machine and kind // 100 % 10 == 0
+        is_header &= kind // 10 % 10 < len(NUMBERS_4) and kind % 10 < 3 and parts in (0, 1)
+        if is_header and min(kind, rows, columns) >= 0 and 0 < length <= LONGEST_NAME:
             return order
     return None
 
@@ -156,11 +156,11 @@ def variables(file: BinaryIO, room: MemoryBudget) -> dict[str, Variable]:
     order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
     if order is None:
         raise ValueError("it does not begin as one")
-    found = {}
+    values = {}
     for kind, content in _elements(Bytes(file.read, size - HEADER_5), order):
         for name, value in _variable(kind, content, order, room):
-            found[name] = value
-    return found
+            values[name] = value
+    return values
 
 
 @dataclass
@@ -236,9 +236,9 @@ class Inflated:
 def _variable(kind: int, content: Bytes, order: str, room: MemoryBudget) -> Iterator[tuple[str, Variable]]:
     if kind == COMPRESSED:
         inner = Bytes(Inflated(content, room).read, None, counted=True)
-        for own, part in _elements(inner, order):
-            if own != COMPRESSED:
-                yield from _variable(own, part, order, room)
+        for inner_kind, part in _elements(inner, order):
+            if inner_kind != COMPRESSED:
+                yield from _variable(inner_kind, part, order, room)
         inner.skip()  # to where its checksum stands
     elif kind == MATRIX:
         name, value = _matrix(content, order, 0, room)
@@ -260,9 +260,9 @@ def _elements(part: Bytes, order: str) -> Iterator[tuple[int, Bytes]]:
             continue
         if part.left is not None and size > part.left:
             raise ValueError("an element is longer than what is left")
-        own = Bytes(part.read, size, part.counted)
-        yield kind, own
-        own.skip()
+        element = Bytes(part.read, size, part.counted)
+        yield kind, element
+        element.skip()
         padding = 0 if kind == COMPRESSED else -size % 8
         if padding and (part.left is None or part.left >= padding):
             part.read(padding)
@@ -300,13 +300,13 @@ def _struct(parts: Iterator[tuple[int, Bytes]], order: str, depth: int, room: Me
     if length < 1:
         raise ValueError("a struct has fields without names")
     names = [text[i : i + length].split(b"\0")[0] for i in range(0, len(text), length)]
-    found = {}
+    values = {}
     for field in (name.decode(errors="replace") for name in names):
         kind, content = _next(parts)
         value = _matrix(content, order, depth + 1, room)[1] if kind == MATRIX and content.left else None
         if value is not None:
-            found[field] = value
-    return found
+            values[field] = value
+    return values
 
 
 def _next(parts: Iterator[tuple[int, Bytes]]) -> tuple[int, Bytes]:
@@ -335,12 +335,12 @@ class Hdf5:
     """Reads the variables of a MAT file of version 7.3.
 
     Attributes:
-        library: h5py. room: of the file. seen: addresses of objects: links may form a circle.
+        library: h5py. room: of the file. visited: addresses of objects: links may form a circle.
     """
 
     library: Any
     room: MemoryBudget
-    seen: set[int]
+    visited: set[int]
 
     def variables(self, group: Any, depth: int = 0) -> dict[str, Variable]:
         """Name -> numbers of MATLAB's shape, or a mapping for a struct; all else is left out.
@@ -348,21 +348,21 @@ class Hdf5:
         Raises:
             ValueError: a block is damaged, or packed in a way that is not read. DataError: there is no room.
         """
-        found: dict[str, Variable] = {}
+        values: dict[str, Variable] = {}
         for name in group:
-            if name.startswith("#") or not self._is_own(group.get(name, getlink=True)):
+            if name.startswith("#") or not self._is_hard_link(group.get(name, getlink=True)):
                 continue
             item = group[name]
             address = self.library.h5o.get_info(item.id).addr
-            if address in self.seen:
+            if address in self.visited:
                 continue
-            self.seen.add(address)
+            self.visited.add(address)
             value = self._value(item, depth)
             if value is not None:
-                found[name] = value
-        return found
+                values[name] = value
+        return values
 
-    def _is_own(self, link: Any) -> bool:
+    def _is_hard_link(self, link: Any) -> bool:
         """Whether the object is in this file: other links may name any file of the disk."""
         return isinstance(link, self.library.HardLink)
 
@@ -440,9 +440,9 @@ def variables73(path: Path, room: MemoryBudget) -> Mapping[str, Variable]:
 def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
         room = MemoryBudget(path)
-        found = _variables_of(path, room)
-        room.require(BESIDE * max((_rows(value) for value in found.values()), default=0))
-        return found
+        values = _variables_of(path, room)
+        room.require(BESIDE * max((_rows(value) for value in values.values()), default=0))
+        return values
     except (ValueError, struct.error, zlib.error) as problem:
         raise DataError(
             f"the file cannot be read as MAT ({problem})",
@@ -463,13 +463,13 @@ def _variables_of(path: Path, room: MemoryBudget) -> Mapping[str, Variable]:
 def _rows(value: Variable) -> int:
     """Of the longest array in it."""
     if isinstance(value, Mapping):
-        return max((_rows(own) for own in value.values()), default=0)
+        return max((_rows(item) for item in value.values()), default=0)
     return int(max(value.shape))
 
 
-def _columns(found: Mapping[str, Variable], prefix: str) -> Iterator[tuple[str, Array]]:
+def _columns(values: Mapping[str, Variable], prefix: str) -> Iterator[tuple[str, Array]]:
     """(path, (T,)) of every array of numbers; a matrix's columns are numbered from 1, as MATLAB does."""
-    for name, value in found.items():
+    for name, value in values.items():
         if not name:  # MATLAB's own notes on objects
             continue
         if isinstance(value, Mapping):

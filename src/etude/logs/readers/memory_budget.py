@@ -49,11 +49,11 @@ class MemoryBudget:
 
 def as_float(read: Callable[[int], bytes], count: int, number: np.dtype[Any]) -> Array:
     """(count,) numbers of that type, as they are read block by block. ValueError: there are less."""
-    found, each = np.empty(count), BLOCK // number.itemsize
+    numbers, each = np.empty(count), BLOCK // number.itemsize
     for place in range(0, count, each):
         block = np.frombuffer(read(min(each, count - place) * number.itemsize), number)
-        found[place : place + each] = block
-    return found
+        numbers[place : place + each] = block
+    return numbers
 
 
 class Unpacker(Protocol):

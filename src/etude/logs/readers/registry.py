@@ -141,7 +141,7 @@ def _recognises(name: str, path: Path, head: bytes, broken: dict[str, str]) -> b
 def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Mapping[str, Log]:
     """What the reader gives; a reader of another package may fail with anything."""
     try:
-        found = reader(path, topics)
+        logs = reader(path, topics)
     except EtudeError:
         raise
     except Exception as problem:
@@ -150,9 +150,9 @@ def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Map
             where=str(path),
             next_step="Convert the log to CSV or Parquet, or report it to the reader's authors.",
         ) from problem
-    if not found:
+    if not logs:
         raise DataError("the file holds no log", where=str(path), next_step=AGAIN)
-    return found
+    return logs
 
 
 def _joined(topics: Mapping[str, Log]) -> Log:
@@ -164,16 +164,16 @@ def _joined(topics: Mapping[str, Log]) -> Log:
     leader = max(topics, key=lambda name: len(topics[name]))
     base = topics[leader]
     columns = {topic: _columns(part) for topic, part in topics.items()}
-    counts = Counter(name for own in columns.values() for name in own)
-    found, said = {}, [f"Topics {', '.join(topics)} were joined at the times of {leader}."]
-    for topic, own in columns.items():
+    counts = Counter(name for signals in columns.values() for name in signals)
+    joined, repairs = {}, [f"Topics {', '.join(topics)} were joined at the times of {leader}."]
+    for topic, signals in columns.items():
         t = topics[topic].t
         silent, sentences = silences(f"Topic {topic}", base.t, t) if topic != leader else (None, ())
-        said += sentences
-        for name, signal in own.items():
+        repairs += sentences
+        for name, signal in signals.items():
             at_base = signal if silent is None else np.where(silent, np.nan, _interpolated(base.t, t, signal))
-            found[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
-    return replace(raw_log(found, base.source, base.repairs), t=base.t).repaired(*said)
+            joined[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
+    return replace(raw_log(joined, base.source, base.repairs), t=base.t).repaired(*repairs)
 
 
 def _columns(log: Log) -> dict[str, Array]:
@@ -300,20 +300,22 @@ def without_holes(raw: Log) -> Log:
     leader = max(partial, key=lambda finite: (int(finite.sum()), count[np.packbits(finite).tobytes()]))
     if every.sum() > SHARED * leader.sum() or whole >= holed:  # a table of rows
         return raw
-    said = ["Columns that are filled at different rows were joined by time."]
-    joined = {name: _at(name, t, own[:, 0], leader, said)[:, None] for name, own in raw.values.items()}
-    return replace(raw, t=raw.t[leader], values=joined).repaired(*said)
+    sentences = ["Columns that are filled at different rows were joined by time."]
+    joined = {
+        name: _at(name, t, column[:, 0], leader, sentences)[:, None] for name, column in raw.values.items()
+    }
+    return replace(raw, t=raw.t[leader], values=joined).repaired(*sentences)
 
 
-def _at(name: str, t: Array, signal: Array, rows: Mask, said: list[str]) -> Array:
+def _at(name: str, t: Array, signal: Array, rows: Mask, repairs: list[str]) -> Array:
     filled = np.isfinite(signal)
     if filled[rows].all() or filled.sum() < 2:
         return np.asarray(signal[rows])
     order = np.argsort(t[filled], kind="stable")
-    own, values = t[filled][order], signal[filled][order]
-    silent, sentences = silences(f"Column {name}", t[rows], own)
-    said += sentences
-    return np.where(silent, np.nan, np.interp(t[rows], own, values, left=np.nan, right=np.nan))
+    times, values = t[filled][order], signal[filled][order]
+    silent, sentences = silences(f"Column {name}", t[rows], times)
+    repairs += sentences
+    return np.where(silent, np.nan, np.interp(t[rows], times, values, left=np.nan, right=np.nan))
 
 
 def with_index(raw: Log) -> Log:
@@ -326,9 +328,9 @@ def with_index(raw: Log) -> Log:
     for name, values in raw.values.items():
         if INDEX.fullmatch(normal(name)) and _advances(values[:, 0]):
             channel = replace(raw.channels[name], name="time")
-            kept = raw.without(name)
-            said = f"There is no time column; the index ({name}) was taken for it."
-            return kept.put(channel, values).repaired(said)
+            remaining = raw.without(name)
+            sentence = f"There is no time column; the index ({name}) was taken for it."
+            return remaining.put(channel, values).repaired(sentence)
     return raw
 
 
@@ -355,20 +357,20 @@ def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]
         times: (T,) s at which it is to be known.
         t: (n,) s of its messages.
     """
-    found = _between(times, np.sort(t[np.isfinite(t)]))
-    if not found.any():
-        return found, ()
-    seconds = float(found.sum() * np.median(np.diff(times)))
+    silent = _between(times, np.sort(t[np.isfinite(t)]))
+    if not silent.any():
+        return silent, ()
+    seconds = float(silent.sum() * np.median(np.diff(times)))
     fact = f"{topic} is silent for {seconds:.3g} s while others go on"
-    if found.mean() > MOSTLY:
-        return np.zeros_like(found), (f"{fact}: its values in between were interpolated.",)
-    return found, (f"{fact}: what it would have said there was left out.",)
+    if silent.mean() > MOSTLY:
+        return np.zeros_like(silent), (f"{fact}: its values in between were interpolated.",)
+    return silent, (f"{fact}: what it would have said there was left out.",)
 
 
 def _between(times: Array, t: Array) -> Mask:
-    found = np.zeros(len(times), dtype=np.bool_)
+    silent = np.zeros(len(times), dtype=np.bool_)
     for before, after in itertools.pairwise(segments(t)):
         start, end = t[before.stop - 1], t[after.start]
         if end - start > SHORTEST_S:
-            found |= (times > start) & (times < end)
-    return found
+            silent |= (times > start) & (times < end)
+    return silent

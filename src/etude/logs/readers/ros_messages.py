@@ -124,8 +124,8 @@ def message_blocks(message: Any, msgtype: str) -> Iterator[Block]:
     elif msgtype == CONTROLLER_STATE:
         yield from _controller_state(message)
     elif msgtype == DYNAMIC_STATE:
-        for joint, own in zip(message.joint_names, message.interface_values, strict=False):
-            for word, value in zip(own.interface_names, own.values, strict=False):
+        for joint, interface in zip(message.joint_names, message.interface_values, strict=False):
+            for word, value in zip(interface.interface_names, interface.values, strict=False):
                 yield word, (joint,), (value,)
     else:
         inner = {name: value for name, value in vars(message).items() if _type(value) == JOINT_STATE}
@@ -152,10 +152,10 @@ def _suffix(name: str) -> str:
 def _controller_state(message: Any) -> Iterator[Block]:
     """What was measured and what was wanted; releases differ in the names of both."""
     measured = _point(message, "feedback", "actual")
-    wanted = _point(message, "reference", "desired")
-    for point, suffix in ((measured, ""), (wanted, "_desired")):
-        for given, word in POINT.items():
-            values = getattr(point, given, ())
+    desired = _point(message, "reference", "desired")
+    for point, suffix in ((measured, ""), (desired, "_desired")):
+        for quantity, word in POINT.items():
+            values = getattr(point, quantity, ())
             if len(values) == len(message.joint_names):
                 yield f"{word}{suffix}", message.joint_names, values
     output = getattr(getattr(message, "output", None), "effort", ())
@@ -165,8 +165,8 @@ def _controller_state(message: Any) -> Iterator[Block]:
 
 def _point(message: Any, *names: str) -> Any:
     """The first of these fields that holds positions."""
-    found = [getattr(message, name, None) for name in names]
-    return next((one for one in found if one is not None and len(one.positions)), None)
+    points = [getattr(message, name, None) for name in names]
+    return next((one for one in points if one is not None and len(one.positions)), None)
 
 
 def _numbers(message: Any, path: str, depth: int = 0) -> Iterator[Block]:
@@ -241,12 +241,12 @@ class Stores:
         return self._known[key]
 
     def _made(self, connection: Any) -> list[Any]:
-        own, format_ = self._typesys, connection.msgdef.format.name
+        typesys, format_ = self._typesys, connection.msgdef.format.name
         if format_ == "NONE":
             later = [{**DEFINITIONS, **LATER}] if connection.msgtype in LATER else []
             return [self._of_ros(definitions) for definitions in (DEFINITIONS, *later)]
-        store = own.get_typestore(own.Stores.EMPTY)
-        store.register(_types(own, connection.msgdef.data, format_, connection.msgtype))
+        store = typesys.get_typestore(typesys.Stores.EMPTY)
+        store.register(_types(typesys, connection.msgdef.data, format_, connection.msgtype))
         return [store]
 
     def _of_ros(self, definitions: Mapping[str, str]) -> Any:
@@ -262,9 +262,9 @@ def _types(typesys: Any, text: str, format_: str, msgtype: str) -> Any:
     """Types by name of a definition as the recording holds it; several IDLs stand between lines of =."""
     if format_ == "MSG":
         return typesys.get_types_from_msg(text, msgtype)
-    found: dict[str, Any] = {}
+    types: dict[str, Any] = {}
     for part in text.split(80 * "=" + "\n"):
-        own = part.partition("\n")[2] if part.startswith("IDL: ") else part
-        if own.strip():
-            found |= typesys.get_types_from_idl(own)
-    return found
+        definition = part.partition("\n")[2] if part.startswith("IDL: ") else part
+        if definition.strip():
+            types |= typesys.get_types_from_idl(definition)
+    return types
