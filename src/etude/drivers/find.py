@@ -64,7 +64,7 @@ def find_driver(
 
 
 def _resolved(on: str) -> tuple[Any, str]:
-    """(factory, address); nothing of it is called."""
+    """(factory, address) of a driver; neither is called."""
     name, _, argument = on.partition(":")
     if name in names(GROUP):
         return load(GROUP, name), argument
@@ -79,7 +79,7 @@ def _resolved(on: str) -> tuple[Any, str]:
 
 
 def _of_file(name: str, attribute: str) -> Any:
-    """What a file of Python calls by that name."""
+    """The attribute of that name in a Python file."""
     path = Path(name).expanduser().resolve()
     if not path.is_file():
         raise UsageError("there is no such file", where=str(path), next_step=f"Name a driver as {FORMS}.")
@@ -109,7 +109,7 @@ def _of_file(name: str, attribute: str) -> Any:
 
 
 def _lacking(driver: Any) -> str:
-    """What it lacks of a Stream."""
+    """Members of a Stream that the driver lacks."""
     members = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
     return ", ".join(name for name in members if not hasattr(driver, name)) or "nothing"
 

@@ -88,7 +88,7 @@ def first_segment_ends(trajectory: Trajectory) -> float:
 
 
 def _columns(names: Sequence[str], joints: Sequence[str]) -> Index:
-    """Of each of the driver's joints the column of the trajectory."""
+    """The trajectory's column for each of the driver's joints."""
     if sorted(names) != sorted(joints):
         lacking = [name for name in names if name not in joints]
         beyond = [name for name in joints if name not in names]

@@ -20,7 +20,7 @@ STANDS_MEASURED = 0.02
 
 
 def why_not(player: Player, motion: PlannedMotion) -> str:
-    """Why the motion cannot start now: limits, a fault, or the robot stands elsewhere; "" if it can."""
+    """Reason why the motion cannot start: limits, a fault, or another start pose; "" if it can."""
     problems = player.check(motion)
     if problems:
         return problems[0]
@@ -86,7 +86,7 @@ class RecordedRows:
     def recording(
         self, motion: PlannedMotion, about: About, ended: Ended, reason: str, began: float
     ) -> Recording:
-        """What has come in so far."""
+        """The recording so far."""
         times, values = self.times[: self.n].copy(), self.values[: self.n].transpose(1, 0, 2).copy()
         return Recording(
             motion=motion,
@@ -110,7 +110,7 @@ class RecordedRows:
 
 
 def own_arrays(sample: Sample) -> Sample:
-    """The same, in arrays that the driver does not write into again."""
+    """A copy of the sample, whose arrays the driver does not overwrite."""
     q, qd, command, asked = (
         None if value is None else np.array(value, dtype=float)
         for value in (sample.q, sample.qd, sample.command, sample.asked)

@@ -39,7 +39,7 @@ class SetPoint:
 
 
 def acceleration_limits(motion: PlannedMotion, about: About) -> Array:
-    """(J,) what brakings may use: the motion's own peaks at full speed, and what the robot enforces."""
+    """(J,) acceleration limits of braking: the motion's peaks at full speed, and those of the robot."""
     peaks: Array = np.abs(motion.qdd).max(axis=0) * (100.0 / motion.speed) ** 2
     return peaks if about.acceleration is None else np.minimum(peaks, about.acceleration)
 
@@ -73,7 +73,7 @@ class PathInTime:
         self.motion, self.rate, self.last = motion, rate, len(motion.t) - 1
 
     def at(self, s: float, pace: float = 1.0, change: float = 0.0) -> SetPoint:
-        """Of trajectory time s; pace: ds/dt; change: of it, 1/s. Between two rows a quintic through both."""
+        """Set-point at trajectory time s, by quintic interpolation. pace: ds/dt; change: its rate, 1/s."""
         s = min(max(s, 0.0), self.motion.duration)
         row = self.row(s)
         u = s - float(self.motion.t[row])
@@ -83,7 +83,7 @@ class PathInTime:
         return SetPoint(q, qd, qdd, effort, s)
 
     def row(self, s: float) -> int:
-        """The last one that is not after trajectory time s."""
+        """Index of the last row at or before trajectory time s."""
         return min(int(s * self.rate + ON_A_ROW), self.last)
 
     def _row(self, row: int) -> tuple[Array, Array, Array, Array | None]:
@@ -139,7 +139,7 @@ class Pace:
         return self.now == self.end
 
     def go_on(self, tick: float, path: PathInTime, s: float, limits: Array) -> None:
-        """tick s further. Its slope is a ramp, and it lands without a step."""
+        """Advance by tick s. The pace changes by a ramp and reaches its end without a step."""
         if self.steady or tick <= 0.0:
             self.change = 0.0
             return
@@ -170,7 +170,7 @@ class PathClock:
         self._early = EARLY * period
 
     def step(self, robot: float, ours: float, room: bool) -> float:
-        """s of this cycle. robot, ours: s that the clocks went on; room: the path may be faster here."""
+        """Path time of this cycle, s. robot, ours: s since the last one; room: the path may run faster."""
         even, step = 0.5 * self.period, CATCH_UP_RAMP * self.period
         beyond = self.lag - min(max(self.lag, -even), even)
         target = 1.0 + min(max(beyond / CATCH_UP_IN, -CATCH_UP), CATCH_UP if room else 0.0)
@@ -196,7 +196,7 @@ class Stopping:
         self.plateau = -(start.qd / self.span + 0.5 * RAMP * start.qdd) / (1.0 - RAMP)
 
     def at(self, u: float) -> SetPoint:
-        """u: s since it began; the end stays."""
+        """Set-point at u s after the start; at rest after the end."""
         start, left = self.start, min(u, self.span)
         q, qd, qdd = start.q, start.qd, start.qdd
         for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * start.q)):

@@ -90,7 +90,7 @@ class Streamed:
         return sample if sample.asked is not None else replace(sample, asked=self._asked)
 
     def check(self, motion: PlannedMotion) -> Sequence[str]:
-        """What of the motion the robot would not take, by what it says of itself."""
+        """Sentences on limits stated by the robot that the motion leaves."""
         return refusals(motion, self.about())
 
     def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
@@ -126,7 +126,7 @@ class Streamed:
 
 
 class _Run:
-    """One motion, as it is played."""
+    """State of one motion while it is played."""
 
     def __init__(self, stream: Stream, about: About, motion: PlannedMotion, watch: Watch) -> None:
         self.stream, self.about, self.motion, self.watch = stream, about, motion, watch
@@ -150,7 +150,7 @@ class _Run:
         self._moves = False
 
     def play(self, control: Control) -> tuple[Ended, str]:
-        """How it ended and why. The stream is stopped and holds, whatever happened."""
+        """End of the motion and its reason. The stream is stopped in every case and holds its pose."""
         try:
             self.stream.ready(control)
         except (Exception, SystemExit) as error:
@@ -176,13 +176,13 @@ class _Run:
         return self._why
 
     def recording(self, ended: Ended, reason: str) -> Recording:
-        """What has come in so far."""
+        """The recording so far."""
         recording = self.rows.recording(self.motion, self.about, ended, reason, self.began)
         reached = self.point.at if self.rows.n else 0.0
         return replace(recording, reached=reached, late=self.late, held=tuple(self.held))
 
     def _cycle(self) -> bool:
-        """One of them; False: the motion is over."""
+        """Run one cycle; False: the motion is over."""
         sample = self.clock.wait(self.stream.state)
         self.late += self.clock.late
         reaction = Reaction.GO
@@ -199,7 +199,7 @@ class _Run:
         return True
 
     def _effort(self) -> Array | None:
-        """Of the set-point. What was learned of accelerations goes with the speed that braking takes away."""
+        """Effort of the set-point. Learned accelerations are scaled by the remaining speed while braking."""
         effort, on_path = self.point.effort, self.path.at(self.point.at)
         if effort is None or not self.about.learned_as:
             return effort
@@ -212,7 +212,7 @@ class _Run:
         return replace(copy, asked=asked, at=self.point.at, seen=self.clock.now)
 
     def _over(self, sample: Sample, reaction: Reaction) -> bool:
-        """Whether nothing more is sent; else a stop begins where there is a reason."""
+        """Whether the motion is over; otherwise start a stop if there is a reason."""
         killed = self.interrupt.killed = self.interrupt.killed or reaction is Reaction.KILL
         if self.clock.fresh and sample.fault:
             self._why = Ended.FAULT, f"{self.about.name} reports: {sample.fault}"
@@ -234,7 +234,7 @@ class _Run:
         return killed or self.lost or self._settled(sample)
 
     def _settled(self, sample: Sample) -> bool:
-        """Whether the last set-point that moves is long enough ago, and the robot rests."""
+        """Whether the robot rests, and the last moving set-point is long enough ago."""
         if self._stopping is not None:
             past = self._since - self._stopping.span
         elif self.point.at >= self.motion.duration:
@@ -263,7 +263,7 @@ class _Run:
         return self._along(tick, reaction is Reaction.HOLD)
 
     def _along(self, tick: float, wait: bool) -> SetPoint:
-        """Further on the path, at the pace that holding leaves."""
+        """The next set-point on the path, at the present pace."""
         s = self.point.at
         if self.clock.fresh and self.clock.passed - self.period >= LOST:
             s += self._gone_on(s)
@@ -316,7 +316,7 @@ class _Clock:
         self._due = self._heard = 0.0
 
     def start(self) -> None:
-        """Just before the first cycle."""
+        """Start the clock just before the first cycle."""
         self.beat = time.monotonic()
         self.now = self._due = self._heard = self.period if self.virtual else self.beat
 
@@ -353,7 +353,7 @@ class _Clock:
 
 @contextlib.contextmanager
 def _no_collections() -> Iterator[None]:
-    """Python looks for garbage in circles afterwards; it would cost cycles."""
+    """Postpone Python's garbage collection, which would delay cycles."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -382,7 +382,7 @@ def _first(about: About) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _watchdog(run: _Run, about: About) -> Iterator[None]:
-    """Stops the stream from a thread of its own where a call of the loop does not come back."""
+    """Stop the stream from a separate thread if a call of the loop does not return."""
     if about.virtual:
         yield
         return
@@ -406,5 +406,5 @@ def _watchdog(run: _Run, about: About) -> Iterator[None]:
 
 
 def _is_player(stream: Stream) -> Player:
-    """Type checkers hold Streamed to the protocol."""
+    """Static check that Streamed is a Player."""
     return Streamed(stream)

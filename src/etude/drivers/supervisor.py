@@ -141,7 +141,7 @@ class Supervisor:
         return checks
 
     def _note_error(self, sample: Sample) -> None:
-        """The smaller one of two in a row, so that a glitch of one sample does not count."""
+        """Note the smaller error of two samples in a row, so that a glitch of one sample does not count."""
         if sample.asked is None or not np.isfinite(sample.q).all():
             return
         error = np.abs(sample.q - sample.asked)
@@ -229,7 +229,7 @@ class _Mean:
         self.total: Array | None = None
 
     def with_one_more(self, t: float, value: Array) -> Array | None:
-        """(J,) the mean, once it is of the whole span. A value that is no number is left out."""
+        """(J,) the mean over the whole span; None before. NaN values are left out."""
         if not np.isfinite(value).all():
             return None
         value, self.before = np.where(np.abs(value) < np.abs(self.before), value, self.before), value

@@ -39,7 +39,7 @@ def velocity_range(envelope: VelocityEnvelope, q: Array) -> tuple[Array, Array]:
 
 
 def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:
-    """What is limited: words, values (n, J), lower and upper."""
+    """Limited quantities: name, values (n, J), lower and upper bound."""
     rows: list[tuple[str, Array, Array, Array]] = []
     low = np.full(len(about.joints), -np.inf) if about.lower is None else about.lower
     high = np.full(len(about.joints), np.inf) if about.upper is None else about.upper
@@ -59,7 +59,7 @@ def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, 
 
 
 def _left(quantity: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion) -> Sequence[str]:
-    """A sentence for the joint that is furthest outside."""
+    """A sentence on the joint that is furthest outside its limit; none if all are inside."""
     if not np.isfinite(values).all():
         return [f"the {quantity} of the motion is no number somewhere"]
     lower, upper = np.broadcast_to(lower, values.shape), np.broadcast_to(upper, values.shape)

@@ -134,7 +134,7 @@ def run_campaign(
     tell_event: Tell = lambda _, __: None,
     seen: Seen = lambda _, __, ___: None,
 ) -> RunResult:
-    """Closes the loop with a robot; see docs/run.md.
+    """Run the campaign on a robot in closed loop; see docs/run.md.
 
     Args:
         campaign: the folder. player: the robot, not connected yet. person: who agrees, and who can stop it.
@@ -187,7 +187,7 @@ def connected(
 
 
 def _nothing_open(campaign: Campaign, about: About, resume: bool, identity: str) -> tuple[str, ...]:
-    """What a simulation waives. UsageError with all else that blocks."""
+    """Sentences that a simulation waives. UsageError: another point is open."""
     points = open_points(campaign, about, resume=resume, identity=identity)
     return tuple(require_none(campaign, points, simulated=not about.real))
 
@@ -220,7 +220,7 @@ def _entered(player: Player) -> Iterator[None]:
 
 
 def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: None) -> RunResult:
-    """As `run_campaign`, of a robot that is connected."""
+    """As `run_campaign`, for a robot that is already connected."""
     loop = _Loop(session.campaign, session, options, say)
     first, fired = loop.first()
     sentences = what_will_happen(session, options, first)
@@ -238,7 +238,7 @@ def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: 
 
 @contextlib.contextmanager
 def _journaled(campaign: Campaign, about: About, options: RunOptions) -> Iterator[None]:
-    """The journal says that a run began, and how it ended."""
+    """Record in the journal that a run began, and how it ended."""
     facts = {
         name: value for name, value in vars(about).items() if isinstance(value, str | bool | int | float)
     }
@@ -266,7 +266,7 @@ def _journaled(campaign: Campaign, about: About, options: RunOptions) -> Iterato
 
 
 def what_will_happen(session: RobotSession, options: RunOptions, first: CertifiedMotion | None) -> list[str]:
-    """What a person reads before agreeing: who moves, where, how long, what stops it, what was assumed."""
+    """Sentences to be read before agreement: robot, place, duration, stop conditions, assumptions."""
     campaign, about, pose = session.campaign, session.about, session.pose()
     where = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(campaign.axes, pose.tolist(), strict=True))
     rounds = (
@@ -315,7 +315,7 @@ def _require_agreed(person: Person, about: About, options: RunOptions, sentences
 
 @dataclass(eq=False)
 class _Loop:
-    """A campaign and the robot that closes it."""
+    """The loop over a campaign and a connected robot."""
 
     campaign: Campaign
     session: RobotSession
@@ -346,7 +346,7 @@ class _Loop:
         return motion, ""
 
     def closed(self, first: CertifiedMotion | None, why: str) -> RunResult:
-        """All rounds, the motion that confirms, promotion."""
+        """Run all rounds and the confirmation motion, then promote."""
         number = None if first is None else first.number
         most = self.options.rounds or MOST_ROUNDS
         while number is not None:
@@ -366,7 +366,7 @@ class _Loop:
 
     @property
     def control(self) -> str:
-        """That the next motion is asked for."""
+        """The control for which the next motion is proposed."""
         return LEARNED if self._takes_learned and self.campaign.state().learned else FEEDBACK
 
     @property
@@ -375,7 +375,7 @@ class _Loop:
         return is_configured and LEARNED in self.session.about.controls
 
     def _next_proposal(self) -> int:
-        """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
+        """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
         control = "" if self.campaign.state().proposals else self.control
         try:
             return ask(self.campaign, control=control, say=self.say).number
@@ -383,7 +383,7 @@ class _Loop:
             return self._after_stop(fired)
 
     def _after_stop(self, fired: StopRuleReached) -> int:
-        """The number of one more proposal, if it may decide on the model; else raises `fired`."""
+        """Number of one more proposal, if its log may decide on the model; otherwise raise `fired`."""
         rule = judge(seen_by_the_rule(self.campaign, self.campaign.state()), self.campaign.config.stop).rule
         may_go_on = self.options.promote and rule != "budget" and self.after_stop < MOST_AFTER_STOP
         if not may_go_on or not is_undecided(self.campaign):
@@ -393,7 +393,7 @@ class _Loop:
         return ask(self.campaign, go_on=True, control=self._onward_control, say=self.say).number
 
     def _round(self, number: int, last: bool) -> tuple[int | None, str]:
-        """One motion, its careful steps before it; the number of the next one, or None and why."""
+        """Run one motion after its careful steps; the number of the next one, or None and the reason."""
         try:
             result = self._whole(number, self._control_of(number))
         except RobotStopped:
@@ -417,7 +417,7 @@ class _Loop:
             onward.end()
 
     def _onward(self, proposal: NextProposal) -> int:
-        """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
+        """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
         try:
             return proposal.number()
         except StopRuleReached as fired:
@@ -425,16 +425,16 @@ class _Loop:
 
     @property
     def _onward_control(self) -> str:
-        """Of the next motion, once the log that was taken in is learned."""
+        """The control of the next motion, once the ingested log is learned."""
         return LEARNED if self._takes_learned else FEEDBACK
 
     def _control_of(self, number: int) -> str:
-        """What a proposal was asked for; learned where both would do."""
+        """The control for which a proposal was made; learned if both are possible."""
         controls = asked_under(self.campaign.round(number).asked) or (FEEDBACK,)
         return LEARNED if LEARNED in controls and self._takes_learned else controls[0]
 
     def _whole(self, number: int, control: str, model: LearnedModel | None = None) -> Result:
-        """The whole motion at full speed, after the careful steps that its control still lacks."""
+        """Run the whole motion at full speed, after the careful steps that its control still needs."""
         while True:
             motion = self._at_step(number, control)
             result = self._sent(self._with_command(motion, model))
@@ -442,13 +442,13 @@ class _Loop:
                 return result
 
     def _at_step(self, number: int, control: str = "") -> CertifiedMotion:
-        """At the speed that its control has earned; nothing of it moves faster than is proved."""
+        """The motion at the speed allowed for its control so far; each speed has its own proof."""
         motion = proposal_motion(self.campaign, number, control or self._control_of(number))
         step = next_step(self.campaign.events(), motion.control)
         return (careful_motion(self.campaign, motion, step.speed) or motion) if step.first else motion
 
     def _with_command(self, motion: CertifiedMotion, model: LearnedModel | None = None) -> CertifiedMotion:
-        """With the learned command, where it is run under that."""
+        """The motion with the learned command, if its control is learned."""
         if motion.control != LEARNED:
             return motion
         model = model or newest_model(self.campaign, self.campaign.state())
@@ -456,7 +456,7 @@ class _Loop:
         return replace(motion, learned=learned)
 
     def _sent(self, motion: CertifiedMotion) -> Result:
-        """The way to its start, and the motion; a learned command comes or goes on the way."""
+        """Run the approach and the motion; a learned command fades in or out on the approach."""
         pose = self.session.pose()
         level = 1.0 if motion.learned is not None else 0.0
         approach = ways_of(self.campaign, motion, pose).approach
@@ -476,14 +476,14 @@ class _Loop:
         return result
 
     def _faded(self, transfer: CertifiedMotion, level: float) -> CertifiedMotion:
-        """With the command that the robot has, fading to the level that comes next."""
+        """The motion with a learned command that fades from the present level to the next one."""
         if not level and not self.session.level:
             return transfer
         learned = self._with_command(replace(transfer, control=LEARNED))
         return replace(learned, fade=(self.session.level, level))
 
     def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
-        """Home, while the next motion is computed."""
+        """Return home while the next motion is computed."""
         motion = proposal_motion(self.campaign, number, self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
         back = ways_of(self.campaign, motion, home).back
@@ -493,13 +493,13 @@ class _Loop:
             self.session.play(self._faded(back, self.session.level), meanwhile)
 
     def _taken_in(self, number: int, result: Result) -> None:
-        """The recording as the log of its proposal, and what it shows."""
+        """Ingest the recording as the log of its proposal, and note its figures."""
         self._ingest(number, result.path)
         self.rounds.append(self._figures(number, result))
         self.session.tell("taken_in", asdict(self.rounds[-1]))
 
     def _ingest(self, number: int, path: Path) -> None:
-        """A recording as the log of its proposal; it is learned with the next `ask`."""
+        """Ingest a recording as the log of its proposal; the next `ask` learns it."""
         try:
             with self.campaign.writing():
                 result = take(self.campaign, path, number)
@@ -512,7 +512,7 @@ class _Loop:
             self.say(f"{path.name}: {sentence}")
 
     def _given_up(self, number: int) -> None:
-        """A whole motion that was stopped is not tried again: it teaches up to there."""
+        """Abandon a whole motion that was stopped; its log is used up to the stop."""
         last = next(e.fact for e in reversed(self.campaign.events()) if isinstance(e.fact, MotionEnded))
         if last.part != "motion" or last.first:
             return
@@ -531,7 +531,7 @@ class _Loop:
         return RoundRun(number, result.fact.control, tuple(shown), result.fact.worst_error)
 
     def _confirmed(self) -> tuple[Mapping[str, Any] | None, str]:
-        """What the motion that confirms has shown; None, and why there is none."""
+        """Result of the confirmation motion; None with the reason if there is none."""
         if not self._takes_learned:
             return None, "the robot takes no learned command, so none was confirmed"
         number = ask_to_confirm(self.campaign, say=self.say).number
@@ -548,7 +548,7 @@ class _Loop:
     def _promoted(
         self, confirmation: Mapping[str, Any] | None, why: str
     ) -> tuple[Promotion | None, tuple[str, ...]]:
-        """The newest model in use if it is better; sentences why not."""
+        """Promote the newest model if it is better; otherwise sentences with the reason."""
         reasons = (f"{why[:1].upper()}{why[1:]}.",) if why else ()
         if not self.options.promote:
             return None, reasons
@@ -558,7 +558,7 @@ class _Loop:
 
 
 def learn(campaign: Campaign, say: Say) -> None:
-    """Learns what was taken in, without asking for more."""
+    """Learn the ingested logs without a new proposal."""
     from etude.campaign.training import learn_pending
 
     with campaign.writing():
@@ -566,7 +566,7 @@ def learn(campaign: Campaign, say: Say) -> None:
 
 
 def _worse(confirmation: Mapping[str, Any]) -> str:
-    """Why a model is not promoted that made the motion that confirms worse; "" if it did not."""
+    """Reason not to promote a model: it made the confirmation motion worse. "": it did not."""
     without, with_model = (np.array(confirmation[name], dtype=float) for name in RUNS)
     if not np.nansum(with_model) > np.nansum(without):
         return ""
@@ -578,7 +578,7 @@ def _worse(confirmation: Mapping[str, Any]) -> str:
 
 
 class RobotChanged(EtudeError):
-    """The newest recording is not of the robot that the model knows."""
+    """The newest recording differs from the robot that the model was trained on."""
 
     exit_code = 6
 

@@ -57,7 +57,7 @@ class Learned:
 
     @classmethod
     def along(cls, campaign: Campaign, model: LearnedModel, motion: CertifiedMotion, about: About) -> Learned:
-        """UnsafeTrajectoryError: accelerations with what was learned leave a limit."""
+        """The learned command of a motion. UnsafeTrajectoryError: its learned accelerations leave a limit."""
         trajectory = motion.trajectory
         if about.learned_as:
             return cls._of_accelerations(campaign, model, motion, about.learned_as)
@@ -77,7 +77,7 @@ class Learned:
     def _of_accelerations(
         cls, campaign: Campaign, model: LearnedModel, motion: CertifiedMotion, name: str
     ) -> Learned:
-        """What the files of that exporter hold, with the same proof."""
+        """The learned part of that exporter's files, with the same proof."""
         exporter, trajectory = plugins.load(GROUP, name), motion.trajectory
         what = accelerated_by(campaign, trajectory, model)
         limits = motion.constraints.limits_as_played(campaign, trajectory)
@@ -123,7 +123,7 @@ class CertifiedMotion:
         return np.asarray(self.trajectory.motion(np.array([self.trajectory.duration]), 1).orders[0, 0])
 
     def for_driver(self, campaign: Campaign, about: About) -> PlannedMotion:
-        """Its rows at the driver's rate, joints in the driver's order."""
+        """The motion's rows at the driver's rate, with joints in the driver's order."""
         return planned(
             self.data,
             number=self.number,
@@ -147,12 +147,12 @@ class CertifiedMotion:
         return effort
 
     def predicted(self, t: Array) -> Array | None:
-        """(n, k) the commands that are expected at times t; None where nothing is learned."""
+        """(n, k) predicted commands at times t; None without a learned command."""
         logged = None if self.learned is None else self.learned.logged
         return None if self.learned is None or logged is None else self.learned.at(t, logged)
 
     def bounds(self, campaign: Campaign, about: About) -> Bounds:
-        """In the campaign's order of axes."""
+        """The supervisor's bounds, in the campaign's order of axes."""
         deviation = None if self.learned is None else self.learned.deviation
         return bounds_for(campaign, about, self.constraints, self.trajectory, self.control, deviation)
 
@@ -284,7 +284,7 @@ def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Certifi
 
 
 def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:
-    """UnsafeTrajectoryError with what the driver says against a motion."""
+    """Raise UnsafeTrajectoryError with the driver's reasons to refuse a motion."""
     if refusals:
         raise UnsafeTrajectoryError(
             f"the robot refuses {motion.part} {motion.number}: {' '.join(refusals).rstrip('.')}",

@@ -21,7 +21,7 @@ class Typist:
     """The person at the keyboard of a program, asked by `input`."""
 
     def agrees(self, sentences: Sequence[str], word: str) -> bool:
-        """Shows them, and waits for the word."""
+        """Print the sentences and wait for the word."""
         return input("\n".join([*sentences, f"Is the room free? Type {word} to let it move: "])) == word
 
     def alive(self) -> bool:
@@ -31,7 +31,7 @@ class Typist:
 
 @dataclass(frozen=True, eq=False)
 class ConnectedRobot:
-    """A robot that nothing speaks against; it moves when `run` is called and a person agrees.
+    """A robot that is ready; it moves when `run` is called and a person agrees.
 
     Attributes:
         session: the connection. options: as of `etude run`. say: receives one sentence per step.
@@ -43,7 +43,7 @@ class ConnectedRobot:
 
     @property
     def about(self) -> About:
-        """What the robot says of itself."""
+        """The robot's description of itself."""
         return self.session.about
 
     def pose(self) -> dict[str, float]:
@@ -51,7 +51,7 @@ class ConnectedRobot:
         return dict(zip(self.session.campaign.axes, self.session.pose().tolist(), strict=True))
 
     def plan(self) -> tuple[str, ...]:
-        """What would happen, a sentence each; nothing moves."""
+        """Sentences on the planned motions; nothing moves."""
         return self._closed(replace(self.options, dry=True)).said
 
     def run(self, rounds: int = 0) -> RunResult:

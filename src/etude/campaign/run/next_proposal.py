@@ -27,7 +27,7 @@ KINDS = (UsageError, DataError, UnsafeTrajectoryError, StopRuleReached, Numerica
 
 @dataclass(eq=False)
 class NextProposal:
-    """What is on its way.
+    """A proposal that is being computed.
 
     Attributes:
         control: that it is asked for, unless one is open. beside: in a process of its own, which has a
@@ -41,7 +41,7 @@ class NextProposal:
     _process: subprocess.Popen[str] | None = None
 
     def begin(self) -> None:
-        """Starts to learn and to ask; returns at once."""
+        """Start training and the proposal; return at once."""
         if self.beside:
             arguments = [sys.executable, "-m", "etude", "ask", str(self.campaign.path), "--json"]
             self._process = subprocess.Popen(
@@ -61,7 +61,7 @@ class NextProposal:
         return _number(text, self._process.returncode)
 
     def end(self) -> None:
-        """Nobody waits for it any more."""
+        """Stop waiting for the proposal."""
         if self._process is not None and self._process.returncode is None:
             self._process.terminate()
             self._process.communicate()
@@ -82,6 +82,6 @@ def _number(text: str, code: int) -> int:
 
 
 def _error(error: dict[str, Any]) -> EtudeError:
-    """The error that the other process ended with."""
+    """The error with which the other process ended."""
     kind = next((candidate for candidate in KINDS if candidate.__name__ == error.get("kind")), EtudeError)
     return kind(str(error["fact"]), where=str(error["where"]), next_step=str(error["next_step"]))

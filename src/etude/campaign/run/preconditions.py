@@ -36,7 +36,7 @@ SLACK = 1e-6
 
 @dataclass(frozen=True)
 class Open:
-    """What blocks. waived: a person may let it pass by agreeing to a motion of a simulation."""
+    """A precondition that is not met. waived: a person may waive it for a motion of a simulation."""
 
     sentence: str
     step: str
@@ -44,7 +44,7 @@ class Open:
 
 
 def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str) -> list[Open]:
-    """All that blocks this robot from being moved for this campaign.
+    """All preconditions of moving this robot in this campaign that are not met.
 
     Args:
         resume: a person has looked at where a motion without an end has left the robot.
@@ -64,7 +64,7 @@ def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str
 
 
 def require_none(campaign: Campaign, points: Sequence[Open], *, simulated: bool) -> list[str]:
-    """The sentences that a simulation waives. UsageError with all others."""
+    """The sentences that a simulation waives. UsageError: any other point is open."""
     blocking = [one for one in points if not (one.waived and simulated)]
     if blocking:
         raise UsageError(
@@ -117,7 +117,7 @@ def _unit(campaign: Campaign, about: About) -> list[Open]:
 
 
 def _limits(campaign: Campaign, about: About) -> list[Open]:
-    """Where the robot enforces less than the campaign's motions may do, and what to write about it."""
+    """Limits that the robot enforces below those of the campaign, with the lines for the robot file."""
     if set(about.joints) != set(campaign.axes):
         return []
     sentences: list[str] = []
@@ -134,7 +134,7 @@ def _limits(campaign: Campaign, about: About) -> list[Open]:
 
 
 def _stated(campaign: Campaign) -> Sequence[Mapping[str, Any]]:
-    """What the robot's file says of each axis, by the names of `About`; None: no limit."""
+    """Limits of each axis in the robot file, by the names of `About`; None: no limit."""
     if isinstance(campaign.spec, SupportsJointTables):
         return campaign.spec.joint_tables
     limits, name = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
@@ -147,7 +147,7 @@ def _stated(campaign: Campaign) -> Sequence[Mapping[str, Any]]:
 
 
 def _narrower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """What the robot enforces on its joint j, what the file allows there, and the line for it."""
+    """For joint j: the limit that the robot enforces, the one in the file, and the file's new line."""
     rows = []
     for name in (name for name in ENFORCED if name in stated):
         theirs: Array | None = getattr(about, name)
@@ -164,7 +164,7 @@ def _narrower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str
 
 
 def _slower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """The same of velocities by position, where the robot enforces an envelope and the file may have one."""
+    """As `_narrower`, for velocity limits by position."""
     if about.envelope is None or "envelope" not in stated:
         return []
     ends = {"lower": stated["lower"], "upper": stated["upper"]}

@@ -183,7 +183,7 @@ class RobotSession:
         recording: Recording,
         supervisor: Supervisor,
     ) -> Result:
-        """Keeps the recording and commits the end."""
+        """Store the recording and commit the end of the motion."""
         path, problem = free_path(self.campaign.path / RECORDINGS, f"{motion.number:04d}.{motion.part}"), None
         try:
             write_recording(path, recording)
@@ -255,7 +255,7 @@ class RobotSession:
         )
 
     def _if_again(self, motion: CertifiedMotion, recording: Recording) -> str:
-        """What to do if the next run stops there, too."""
+        """The next step if the next run stops at the same place."""
         weak = self._too_weak(recording)
         slow = motion.speed == slowest(motion.control)
         if not weak and not slow:
@@ -287,7 +287,7 @@ class RobotSession:
 
 
 def after_loss(about: About) -> str:
-    """What the robot does once nothing is sent to it, as a clause."""
+    """The robot's reaction to a lost link, as a clause."""
     does = {
         "stops": "it stops by itself",
         "holds": "it holds where it is",
@@ -321,7 +321,7 @@ class _Watching:
 
 
 def _ordered(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
-    """The same in the driver's order of joints."""
+    """The bounds in the driver's order of joints."""
     order = np.array([campaign.axes.index(joint) for joint in about.joints])
     arrays = {name: value[order] for name, value in vars(bounds).items() if isinstance(value, np.ndarray)}
     return replace(bounds, **arrays)

@@ -72,7 +72,7 @@ def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
 
 
 def last_identity(events: Sequence[Event]) -> str:
-    """Of the robot that was run last, with what it was set to carry; "" before any run."""
+    """Identity and payload of the robot of the last run; "" before any run."""
     last = next((e.fact for e in reversed(events) if isinstance(e.fact, RunBegan)), None)
     return "" if last is None else identity_with(last.identity, last.told.get("payload"))
 
@@ -86,12 +86,12 @@ class SeenErrors:
 
     @property
     def expected(self) -> Array:
-        """(k,) what the next motion stays below, as margins are made."""
+        """(k,) bound that the next motion is expected to meet, computed as for margins."""
         return self.factor * self.largest
 
 
 def seen_errors(events: Sequence[Event], control: str) -> SeenErrors | None:
-    """Of |measured - asked| in time; None before any recording of a whole motion under that control."""
+    """Largest |measured - asked| over time; None before a recording of a whole motion under that control."""
     return _largest([fact.worst_error for fact in _whole(events, control)])
 
 

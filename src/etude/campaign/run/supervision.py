@@ -75,7 +75,7 @@ def _error_bound(
     control: str,
     events: Sequence[Event],
 ) -> Array:
-    """(k,) Where the path is nearer to a hard limit than that, the limit itself stops the motion."""
+    """(k,) bound of the tracking error. Where a hard limit is nearer to the path, it stops the motion."""
     margin = assumed_margin(campaign, constraints, trajectory)
     errors, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
     bound = WHILE_ASSUMED * margin

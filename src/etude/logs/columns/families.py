@@ -26,7 +26,7 @@ OTHER_QUANTITIES = (
 
 
 def members(headers: Iterable[str], family: str) -> dict[str, str]:
-    """Of a family: the part's number or name -> its header; empty if there is none."""
+    """The columns of a family by the part's number or name; empty if there are none."""
     word, headers_of = re.escape(normal(family)), {}
     for header in headers:
         text = normal(split_suffix(split_unit(header)[0])[0])

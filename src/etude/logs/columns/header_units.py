@@ -31,7 +31,7 @@ class Dimension(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """What a unit is in SI. factor: of a count 1."""
+    """A unit's factor to SI and its dimension; the factor of counts is 1."""
 
     factor: float
     dimension: Dimension

@@ -97,7 +97,7 @@ class Found:
         self.of(claim).setdefault(claim.part, []).append(column)
 
     def columns(self) -> Iterator[Column]:
-        """All of them."""
+        """All columns."""
         for place in (self.named, self.numbered, self.bare):
             for parts in place.values():
                 for columns in parts.values():
@@ -205,7 +205,7 @@ def _may_be(unit: str, channel: Channel) -> bool:
 def _add_suffixed(
     meanings: Found, headers: Sequence[str], vocabulary: _Vocabulary, described: Mapping[str, Channel]
 ) -> None:
-    """Columns whose headers end with a unit; of two of a part that in SI."""
+    """Add columns whose headers end with a unit; of two for one part, the one in SI."""
     more = Found()
     for header in sorted(headers, key=_not_si):
         text, unit = split_suffix(header)

@@ -41,7 +41,7 @@ HEAD = """\
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:
-    """The raw columns under the names of the mapping.
+    """The raw columns, renamed by the mapping.
 
     A log that has none of the mapping's headers, and all of the names that they are to be read as, stays as
     it is: a simulated log of the same campaign, for example. A sentence says so.
@@ -54,7 +54,7 @@ def mapped(raw: Log, config: LogConfig) -> Log:
 
 
 def _timed(raw: Log, rate: float) -> Log:
-    """With the times of equally spaced rows, if the log has none and a rate is told."""
+    """The log with times of equally spaced rows, if it has none and the config states a rate."""
     counted = np.arange(len(raw))
     if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
         return raw
@@ -113,7 +113,7 @@ def _has(headers: Collection[str], to: str) -> bool:
 
 
 class _Source(NamedTuple):
-    """A column of the file, and what it is multiplied by."""
+    """A column of the file, and its factor."""
 
     header: str
     scale: float = 1.0
@@ -215,7 +215,7 @@ def _quoted(text: str) -> str:
 
 
 def _with_unit(to: str, source: _Source) -> str:
-    """With the file's unit, unless another is stated, or a scale converts counts and parts of a whole."""
+    """The name with the file's unit, unless another is stated, or a scale converts counts or fractions."""
     unit = unit_of(source.header)
     parsed = unit_in(unit)
     whole = parsed is None or not (parsed.counted or parsed.dimension == NUMBER)

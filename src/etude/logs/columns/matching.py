@@ -93,7 +93,7 @@ def _families(
     ignored: Sequence[str],
     mapped: Collection[str],
 ) -> dict[str, tuple[str, ...]]:
-    """Of commands that do work on coordinates: all families that may be meant, if there are several."""
+    """All families that may be the command of coordinates, if there are several."""
     for channel in channels:
         names = [column.name for column in matched.get(channel.name, ())]
         if channel.role != "command" or not channel.acts_on or not names or set(names) & set(mapped):
@@ -242,6 +242,6 @@ def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     )
     return (
         f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{others}"
-        f"{unit_advice}{hint} Rename the columns, correct the names in the robot file, or say in [log.columns] "
-        "what they are: etude inspect LOG --robot ROBOT --write-mapping."
+        f"{unit_advice}{hint} Rename the columns, correct the names in the robot file, or say in "
+        "[log.columns] what they are: etude inspect LOG --robot ROBOT --write-mapping."
     )

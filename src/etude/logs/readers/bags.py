@@ -146,7 +146,7 @@ def mend(path: Path, target: Path, unzstd: Callable[[bytes], bytes]) -> None:
 
 
 def check_chunks(path: Path, count: Callable[[bytes, bytes], None]) -> None:
-    """Asks of each chunk that could unpack to much whether it does.
+    """Check the unpacked size of each chunk that could be too large.
 
     Args:
         count: packing and packed records -> DataError, if these are too many.
@@ -178,7 +178,7 @@ def _torn_chunk(torn: bytes, unzstd: Callable[[bytes], bytes]) -> bytes:
 
 
 def _whole(records: bytes) -> bytes:
-    """As many records as are whole."""
+    """The complete records at the beginning of the data."""
     place = 0
     while place + HEAD <= len(records):
         end = place + HEAD + int.from_bytes(records[place + 1 : place + HEAD], "little")
@@ -220,7 +220,7 @@ def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
 
 
 def _started(torn: bytes, path: Path) -> bytes:
-    """What the beginning of compressed data holds; nothing if that cannot be told."""
+    """The data that can be decompressed from a torn beginning; empty if there are none."""
     try:
         most = min(LARGEST_RATIO * len(torn), LARGEST // PIECE)
         return bytes(_zstd(path).ZstdDecompressor().decompress(torn, most))
@@ -256,7 +256,7 @@ class Topic:
 
     @property
     def joints(self) -> frozenset[str]:
-        """Names of the joints whose position it holds."""
+        """Names of the joints whose positions the topic has."""
         return frozenset(n.removeprefix("position/") for n in self.columns if n.startswith("position/"))
 
 
@@ -400,10 +400,10 @@ def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Sto
 def _chosen(
     candidates: Sequence[Topic], listed: Mapping[str, str], path: Path
 ) -> tuple[list[Topic], tuple[str, ...]]:
-    """Of all topics with joints one for each signal: the most plain type first, others for what it lacks.
+    """One topic for each signal of the joints: the simplest type first, others for signals that it lacks.
 
     Raises:
-        DataError: two topics tell of the same joints in the same way, or of other joints: two robots.
+        DataError: two topics have the same joints and type, or different joints, as of two robots.
     """
     ranked = sorted(
         candidates, key=lambda t: (not t.joints, LIKED.index(t.msgtype) if t.msgtype in LIKED else 9)

@@ -190,7 +190,7 @@ def _nameless(values: int, where: str) -> list[str]:
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell is one."""
+    """Whether a cell is a number."""
     try:
         float(text)
     except ValueError:
@@ -250,7 +250,7 @@ def _cells(line: str, separator: str, where: str) -> list[str]:
 
 
 def _unquoted(cell: str) -> str:
-    """Without the quotes of a cell that a blank stands before."""
+    """The cell without its quotes, if a blank precedes them."""
     return cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
 
 
@@ -360,7 +360,7 @@ def csv_log(path: Path) -> Log:
 
 
 def _end(line: bytes, form: _Form) -> tuple[str, ...]:
-    """What is to be said of a last line without an end: some programs write none after the last row."""
+    """A sentence on a last line without an end; none if it is blank."""
     if not line.strip():
         return ()
     if line.count(form.separator.encode()) < len(form.names) - 1:
@@ -369,7 +369,7 @@ def _end(line: bytes, form: _Form) -> tuple[str, ...]:
 
 
 def _nothing(path: Path) -> str:
-    """Why there is no whole line."""
+    """Reason why there is no complete line."""
     with path.open("rb") as file:
         blank = not file.read(2**16).strip()
     return "the log file is blank" if blank else "the log file has no complete line"

@@ -297,7 +297,7 @@ def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
 
 @contextlib.contextmanager
 def without_panics_on_screen() -> Iterator[None]:
-    """Sends what compiled code writes to standard error nowhere: a panic there is told as an error here."""
+    """Discard the standard error of compiled code: a panic there is reported as an error here."""
     try:
         duplicate = os.dup(2)
     except OSError:  # there is no standard error

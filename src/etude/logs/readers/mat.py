@@ -75,7 +75,7 @@ def _simulink(columns: dict[str, Array]) -> dict[str, Array]:
 
 
 def _without_struct(columns: Mapping[str, Array]) -> dict[str, Array]:
-    """The same names without the struct that holds them all: `log.q_1` is q_1."""
+    """The columns without the name of a struct that contains all of them: `log.q_1` is q_1."""
     heads = {name.partition(".")[0] for name in columns}
     if len(heads) != 1 or not all("." in name for name in columns):
         return dict(columns)
@@ -461,7 +461,7 @@ def _variables_of(path: Path, room: MemoryBudget) -> Mapping[str, Variable]:
 
 
 def _rows(value: Variable) -> int:
-    """Of the longest array in it."""
+    """Rows of the longest array in it."""
     if isinstance(value, Mapping):
         return max((_rows(item) for item in value.values()), default=0)
     return int(max(value.shape))
