@@ -171,8 +171,8 @@ def identity_with(identity: str, payload: float | None) -> str:
     return identity if payload is None else f"{identity}{CARRIES}{payload:g} kg"
 
 
-def is_told_of(identity: str, about: About) -> bool:
-    """Whether an identity with a payload is this robot's; the identity alone, if it tells no payload."""
+def is_identity_of(identity: str, about: About) -> bool:
+    """Whether an identity with a payload is this robot's; without its payload, the identity alone counts."""
     return (identity if about.payload is not None else identity.partition(CARRIES)[0]) == about.answers_as
 
 

@@ -19,7 +19,7 @@ HEADER = "etude_recording"
 FORMAT = 1
 """Of the header: it grows when what is in it does not read as before."""
 MOTION = ("number", "part", "speed", "sha256", "joints", "names", "rate", "trajectory_json")
-OWN = ("reason", "began", "reached", "late", "identity", "command_unit", "held")
+FACTS = ("reason", "began", "reached", "late", "identity", "command_unit", "held")
 """Of the header, beside ended, until (the motion's end) and format."""
 CHANNELS = ("q", "qd", "command", "asked")
 
@@ -74,7 +74,7 @@ def read_recording(path: Path) -> Recording:
 
 def _header(recording: Recording) -> dict[str, Any]:
     motion = {name: getattr(recording.motion, name) for name in MOTION}
-    facts = {name: getattr(recording, name) for name in OWN}
+    facts = {name: getattr(recording, name) for name in FACTS}
     return {
         "format": FORMAT,
         **motion,
@@ -104,7 +104,7 @@ def _recording(header: dict[str, Any], frame: Any) -> Recording:
         values: Array = frame.select(names).to_numpy().astype(float).reshape(len(frame), len(joints))
         return values
 
-    facts = {name: header[name] for name in OWN}
+    facts = {name: header[name] for name in FACTS}
     rows = {"t", "at", *(f"{channel}_{joint}" for channel in CHANNELS for joint in joints)}
     return Recording(
         **{**facts, "held": tuple(tuple(span) for span in facts["held"])},

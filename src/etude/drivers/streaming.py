@@ -67,7 +67,7 @@ class Streamed:
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
         self._identity = ""
-        self._asked: Array | None = None
+        self._set_point: Array | None = None
         self._run: _Run | None = None
 
     def about(self) -> About:
@@ -76,7 +76,7 @@ class Streamed:
 
     def __enter__(self) -> Self:
         self.stream.__enter__()
-        self._identity, self._asked = self.about().identity, None
+        self._identity, self._set_point = self.about().identity, None
         return self
 
     def __exit__(
@@ -87,7 +87,7 @@ class Streamed:
     def where(self) -> Sample:
         """Of now, with the last set-point where the robot does not say its own."""
         sample = own_arrays(self.stream.state())
-        return sample if sample.asked is not None else replace(sample, asked=self._asked)
+        return sample if sample.asked is not None else replace(sample, asked=self._set_point)
 
     def check(self, motion: PlannedMotion) -> Sequence[str]:
         """Sentences on limits stated by the robot that the motion leaves."""
@@ -106,7 +106,7 @@ class Streamed:
                 ended, reason = run.play(control)
         finally:
             self._run = None
-        self._asked = run.point.q if ended in (Ended.DONE, Ended.STOPPED, Ended.INTERRUPTED) else None
+        self._set_point = run.point.q if ended in (Ended.DONE, Ended.STOPPED, Ended.INTERRUPTED) else None
         return run.recording(ended, reason)
 
     def stop(self, kill: bool = False) -> None:
@@ -260,9 +260,9 @@ class _Run:
         elif self.point.at >= self.motion.duration:
             self._since += tick
             return self.point
-        return self._along(tick, reaction is Reaction.HOLD)
+        return self._advanced(tick, reaction is Reaction.HOLD)
 
-    def _along(self, tick: float, wait: bool) -> SetPoint:
+    def _advanced(self, tick: float, wait: bool) -> SetPoint:
         """The next set-point on the path, at the present pace."""
         s = self.point.at
         if self.clock.fresh and self.clock.passed - self.period >= LOST:

@@ -187,7 +187,7 @@ class _Still:
 
     def __init__(self, bounds: Bounds, about: About) -> None:
         steps = 0.0 if about.encoder_step is None else FROZEN_STEPS * about.encoder_step
-        self.way = np.maximum(steps, FROZEN_PART * bounds.error)
+        self.travel = np.maximum(steps, FROZEN_PART * bounds.error)
         self.q: Array | None = None
         self.asked: Array | None = None
 
@@ -196,7 +196,7 @@ class _Still:
             return None
         if self.q is None or self.asked is None or not np.array_equal(sample.q, self.q):
             self.q, self.asked = sample.q, sample.asked.copy()
-        return np.abs(sample.asked - self.asked) / self.way
+        return np.abs(sample.asked - self.asked) / self.travel
 
 
 class _Velocity:

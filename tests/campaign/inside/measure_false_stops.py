@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign import Campaign, newest_model, open_campaign
-from etude.campaign.run.certified_motions import CertifiedMotion, Learned, proposal_motion, ways_of
+from etude.campaign.run.certified_motions import CertifiedMotion, Learned, proposal_motion, transfers_of
 from etude.campaign.run.run_settings import read_settings
 from etude.drivers import Player, Reaction, Supervisor, find_driver
 from etude.errors import UnsafeTrajectoryError
@@ -38,7 +38,7 @@ def drawn_ways(campaign: Campaign, motion: CertifiedMotion, seed: int) -> Iterat
     low, high = np.maximum(low, -WIDEST), np.minimum(high, WIDEST)
     while True:
         try:
-            found = ways_of(campaign, motion, low + rng.uniform(0.1, 0.9, len(low)) * (high - low))
+            found = transfers_of(campaign, motion, low + rng.uniform(0.1, 0.9, len(low)) * (high - low))
         except UnsafeTrajectoryError:
             continue
         if found.approach is not None and found.back is not None:

@@ -34,7 +34,7 @@ from etude.campaign.run.campaign_run import MOST_AFTER_STOP, connected, learn
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points
-from etude.campaign.run.run_history import next_step, untold_recordings
+from etude.campaign.run.run_history import next_step, pending_recordings
 from etude.campaign.run.run_settings import read_settings
 from etude.drivers import (
     About,
@@ -469,17 +469,17 @@ def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
     assert [e.number for e in whole if not e.fact.first] == [1, 2]  # type: ignore[union-attr]
     assert [fact.foreign for fact in facts(campaign, Ingested)] == [False, False]
     untell(campaign, 2)
-    assert untold_recordings(campaign) == [], "what was taken back stays so"
+    assert pending_recordings(campaign) == [], "what was taken back stays so"
 
 
 def test_a_recording_whose_cycles_came_late_is_no_evidence(tmp_path: Path) -> None:
     """Its commands are not those of its motion: nothing is said of signs, and the motion is run again."""
     campaign = lab(tmp_path)
     killed_after_a_motion(campaign)
-    [(_, path)] = untold_recordings(campaign)
+    [(_, path)] = pending_recordings(campaign)
     recording = read_recording(path)
     write_recording(path, replace(recording, late=len(recording.t) // 3))
-    assert untold_recordings(campaign) == []
+    assert pending_recordings(campaign) == []
     with pytest.raises(DataError, match="cycles came late") as refused:
         tell(campaign, path)
     assert "sign" not in f"{refused.value} {refused.value.next_step}"

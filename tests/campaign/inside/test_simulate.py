@@ -130,7 +130,7 @@ def test_the_other_engine_agrees(arm: Campaign, tmp_path: Path) -> None:
 def noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is told is of another robot."""
     found = Finding(CHANGED, "red", "the robot is another one", "Say --changed new.", "--changed")
-    monkeypatch.setattr(telling, "change_found", lambda *_: found)
+    monkeypatch.setattr(telling, "change_of_robot", lambda *_: found)
 
 
 @pytest.mark.usefixtures("noticed")

@@ -26,7 +26,10 @@ from etude.types import Channel, Finding, Log
 if TYPE_CHECKING:
     from etude.logs.evidence.joint_evidence import Decision
 
-MOST_TOLD, MOST_NEW = 12, 48  # logs that are judged together: the newest told ones, the first new ones
+MOST_INGESTED, MOST_NEW = (
+    12,
+    48,
+)  # logs that are judged together: the newest ingested ones, the first new ones
 ROUNDS = 8  # of repairs, each of which is judged again
 FORCES = ("N m", "N")
 Answer = Callable[[Finding], str]
@@ -123,12 +126,12 @@ def _what(decision: Decision, answer: str, whole: bool) -> Literal["note", "repa
     return "repair" if answer == "repair" else "accept" if answer == "accept" else "open"
 
 
-def told_logs(campaign: Campaign, state: State) -> dict[int, Log]:
+def ingested_logs(campaign: Campaign, state: State) -> dict[int, Log]:
     """The newest ingested logs, by number; damaged ones are left out, and training reports them."""
     if not any(c.acts_on for c in campaign.channels):
         return {}
     logs = {}
-    for ingested in state.ingested[-MOST_TOLD:]:
+    for ingested in state.ingested[-MOST_INGESTED:]:
         try:
             logs[ingested.number] = stored_log(campaign, ingested.number)
         except EtudeError:

@@ -94,10 +94,10 @@ def answered_proposal(
     Raises:
         DataError: it is of another motion; the message compares it with the first proposal tried.
     """
-    given_up = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
+    abandoned = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
     opened = [r.number for r in state.proposals]
     refused: DataError | None = None
-    for candidate in [*reversed(opened), *reversed(given_up)] if number is None else [number]:
+    for candidate in [*reversed(opened), *reversed(abandoned)] if number is None else [number]:
         for speed in SPEEDS[::-1]:
             if not is_committed(campaign, speed_folder(campaign, candidate, speed) / COEFFICIENTS):
                 continue

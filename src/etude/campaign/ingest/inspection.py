@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.create import find_robot, reading
-from etude.campaign.ingest.command_decisions import told_logs
+from etude.campaign.ingest.command_decisions import ingested_logs
 from etude.campaign.ingest.ingest_result import answered_proposal
 from etude.campaign.ingest.questions import (
     Answers,
@@ -129,7 +129,7 @@ def _described(robot: str) -> _KnownRobot:
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
-        earlier = told_logs(campaign, campaign.state())
+        earlier = ingested_logs(campaign, campaign.state())
     else:
         kind, place = find_robot(robot)
         with reading(place):

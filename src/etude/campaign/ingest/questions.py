@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any
 
 from etude.abilities import SupportsFileDoubt
-from etude.campaign.ingest.command_decisions import Step, decided, told_logs
+from etude.campaign.ingest.command_decisions import Step, decided, ingested_logs
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
 from etude.campaign.record.folder import Campaign
@@ -141,9 +141,9 @@ class LogQuestions:
         if step.what == "open":
             raise refusal([step.finding], log.source)
         if step.what != "note":
-            self._note(step.what, step.finding)
+            self._note_answer(step.what, step.finding)
         if step.what == "accept":
-            return log.repaired(self._taken(step.finding).sentence)
+            return log.repaired(self._accept(step.finding).sentence)
         return repaired(log, step.finding)
 
     def cleaned(self, log: Log, *, own: bool = False) -> Log:
@@ -157,7 +157,7 @@ class LogQuestions:
         for finding in [f for f in findings if f.light == "red"]:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
-            self._taken(finding)
+            self._accept(finding)
         idle = [
             f
             for f in findings
@@ -178,10 +178,10 @@ class LogQuestions:
             log = repaired(log, mended)
             tried.add(mended.check)
             if not _is_free(mended):
-                self._note("repair", mended)
+                self._note_answer("repair", mended)
         for finding in [f for f in open_ if (f.flag or _is_free(f)) and self.answers.to(f) == "accept"]:
-            self._note("accept", finding)
-            log = log.repaired(self._taken(finding).sentence)
+            self._note_answer("accept", finding)
+            log = log.repaired(self._accept(finding).sentence)
             open_.remove(finding)
         questions = [f for f in open_ if not _is_free(f)]
         if questions:
@@ -193,13 +193,13 @@ class LogQuestions:
         answer = self.answers.to(finding)
         return answer != "accept" if _is_free(finding) else bool(finding.flag) and answer == "repair"
 
-    def _taken(self, finding: Finding) -> Finding:
+    def _accept(self, finding: Finding) -> Finding:
         """The finding to be stored with the log after the question was accepted; no question any more."""
         sentence = f"{finding.sentence} Taken as it is, as asked."
         self.accepted.append(Finding(finding.check, "yellow", sentence, spans=finding.spans))
         return self.accepted[-1]
 
-    def _note(self, what: str, finding: Finding) -> None:
+    def _note_answer(self, what: str, finding: Finding) -> None:
         self.used.append((what, *_what(finding)))
 
 
@@ -219,7 +219,7 @@ def questions_of(
 
     @cache
     def earlier() -> Mapping[int, Log]:
-        return told_logs(campaign, state)
+        return ingested_logs(campaign, state)
 
     def decide(log: Log) -> Sequence[Step]:
         if steps is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from etude.campaign.ingest.command_decisions import told_logs
+from etude.campaign.ingest.command_decisions import ingested_logs
 from etude.campaign.ingest.questions import MOST_BY_FILE, body_of, path_and_body
 from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
@@ -50,7 +50,7 @@ STEP = (
 )
 
 
-def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
+def change_of_robot(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
     """The finding that the robot of this log differs from that of the model in use; None without evidence.
 
     The log is aligned, and not stored yet. The test needs a model, and a log with the model's inputs. If the
@@ -67,7 +67,7 @@ def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
         return None
     from etude.logs.evidence.contradictions import contradiction
 
-    earlier = told_logs(campaign, state)
+    earlier = ingested_logs(campaign, state)
     numbers = [n for n in newest.logs if n in earlier][-MOST_BY_FILE:]
     logs, names = [*(earlier[n] for n in numbers), log], [*(f"log {n}" for n in numbers), "this log"]
     finding = contradiction(logs, *path_body, names, len(numbers))

@@ -14,7 +14,7 @@ from typing import Unpack, overload
 
 import numpy as np
 
-from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
+from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, ingested_logs
 from etude.campaign.ingest.confirmation_runs import check_may_teach, take_run
 from etude.campaign.ingest.ingest_result import (
     How,
@@ -25,7 +25,7 @@ from etude.campaign.ingest.ingest_result import (
 )
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, judging_body, questions_of
 from etude.campaign.ingest.recordings import Evidence, evidence_in, placed
-from etude.campaign.ingest.robot_changed import answer, change_found
+from etude.campaign.ingest.robot_changed import answer, change_of_robot
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
 from etude.campaign.record.events import Abandoned, Ingested, Untold
@@ -120,7 +120,7 @@ def check_same_number(earlier: Round, number: int | None, path: Path) -> None:
         )
 
 
-def check_asked(state: State, number: int) -> None:
+def check_answerable(state: State, number: int) -> None:
     proposal = state.rounds.get(number)
     if proposal is None or proposal.asked is None:
         proposals = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
@@ -258,7 +258,7 @@ def take(
     log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, questions, how)
     group = np.zeros(len(log), dtype=np.int64)  # a log without samples is refused
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
-    change, again = change_found(campaign, state, log, samples), repeated(campaign, state, number, log)
+    change, again = change_of_robot(campaign, state, log, samples), repeated(campaign, state, number, log)
     warnings = (change, None if again is None else warning(*again))
     findings = (*questions.accepted, *(one for one in warnings if one is not None))
     fact = Ingested(
@@ -297,7 +297,7 @@ def _aligned(
         log, answered = placed(campaign, evidence, log)
         speed, number = FULL, None
         if answered is not None:
-            check_asked(state, answered)
+            check_answerable(state, answered)
     else:
         log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is None:
@@ -323,7 +323,7 @@ def _identify(
     """The aligned log, its proposal (None: no proposal), and the speed of the run."""
     refused: DataError | None = None
     if number is not None and not foreign:
-        check_asked(state, number)
+        check_answerable(state, number)
     try:
         answered = None if foreign else answered_proposal(campaign, state, log, number)
     except DataError as error:
@@ -540,7 +540,7 @@ def tell_many(
         DataError, NumericalError: all logs together cannot be learned; they are stored and wait.
     """
     with campaign.writing():
-        files = _taken(campaign, paths, how, say)
+        files = _store_each(campaign, paths, how, say)
         places = [i for i, file in enumerate(files) if file.ingested is not None]
         ingested = [file.ingested for file in files if file.ingested is not None]
         before = {r.number for r in campaign.state().learned}
@@ -551,7 +551,7 @@ def tell_many(
     return IngestedMany(tuple(files), learned, newest_warnings(campaign, state))
 
 
-def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[IngestedFile]:
+def _store_each(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[IngestedFile]:
     """Every file, stored or refused, in the order in which they were given."""
     files: dict[Path, IngestedFile] = {}
     left = sorted(set(paths), key=lambda path: (path.name, str(path)))
@@ -588,7 +588,7 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
             if state.round_of_log(sha256_of_log(path)) is None:
                 logs |= _prepared(campaign, path, how, answers)
     body = judging_body(campaign.kind, campaign.spec)
-    return Survey(logs, told_logs(campaign, state), answers.to, body)
+    return Survey(logs, ingested_logs(campaign, state), answers.to, body)
 
 
 def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:

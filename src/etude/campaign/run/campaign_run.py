@@ -33,7 +33,7 @@ from etude.campaign.run.certified_motions import (
     holding,
     proposal_motion,
     require_accepted,
-    ways_of,
+    transfers_of,
 )
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
@@ -46,7 +46,7 @@ from etude.campaign.run.robot_session import (
     held_on_signals,
     only_one,
 )
-from etude.campaign.run.run_history import next_step, untold_recordings
+from etude.campaign.run.run_history import next_step, pending_recordings
 from etude.drivers import About, Person, Player, read_recording
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
@@ -330,14 +330,14 @@ class _Loop:
         Nothing moves. A log that an earlier run recorded and did not come to is taken in before: no motion is
         run twice for one log.
         """
-        for number, path in untold_recordings(self.campaign):
+        for number, path in pending_recordings(self.campaign):
             self._ingest(number, path)
         try:
             motion = self._at_step(self._next_proposal())
         except StopRuleReached as fired:
             return None, fired.fact
         pose = self.session.pose()
-        approach = ways_of(self.campaign, motion, pose).approach
+        approach = transfers_of(self.campaign, motion, pose).approach
         self.approach = None if approach is None else approach.trajectory
         for segment in (approach, motion):
             if segment is not None:
@@ -397,9 +397,9 @@ class _Loop:
         try:
             result = self._whole(number, self._control_of(number))
         except RobotStopped:
-            self._given_up(number)
+            self._abandon(number)
             raise
-        self._taken_in(number, result)
+        self._ingest_round(number, result)
         ours = not self.session.about.virtual
         onward = NextProposal(self.campaign, self._onward_control, beside=ours, say=self.say)
         changed = bool(self.campaign.state().awaiting_answer)
@@ -459,7 +459,7 @@ class _Loop:
         """Run the approach and the motion; a learned command fades in or out on the approach."""
         pose = self.session.pose()
         level = 1.0 if motion.learned is not None else 0.0
-        approach = ways_of(self.campaign, motion, pose).approach
+        approach = transfers_of(self.campaign, motion, pose).approach
         if approach is None and level != self.session.level:
             approach = holding(self.campaign, motion, pose)
         if approach is not None:
@@ -486,13 +486,13 @@ class _Loop:
         """Return home while the next motion is computed."""
         motion = proposal_motion(self.campaign, number, self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
-        back = ways_of(self.campaign, motion, home).back
+        back = transfers_of(self.campaign, motion, home).back
         if back is None:
             meanwhile()
         else:
             self.session.play(self._faded(back, self.session.level), meanwhile)
 
-    def _taken_in(self, number: int, result: Result) -> None:
+    def _ingest_round(self, number: int, result: Result) -> None:
         """Ingest the recording as the log of its proposal, and note its figures."""
         self._ingest(number, result.path)
         self.rounds.append(self._figures(number, result))
@@ -511,7 +511,7 @@ class _Loop:
         for sentence in result.repairs:
             self.say(f"{path.name}: {sentence}")
 
-    def _given_up(self, number: int) -> None:
+    def _abandon(self, number: int) -> None:
         """Abandon a whole motion that was stopped; its log is used up to the stop."""
         last = next(e.fact for e in reversed(self.campaign.events()) if isinstance(e.fact, MotionEnded))
         if last.part != "motion" or last.first:
@@ -583,9 +583,9 @@ class RobotChanged(EtudeError):
     exit_code = 6
 
     def __init__(self, campaign: Campaign) -> None:
-        held = campaign.state().awaiting_answer[0]
-        findings = held.ingested.findings if isinstance(held.ingested, Ingested) else ()
+        waiting = campaign.state().awaiting_answer[0]
+        findings = waiting.ingested.findings if isinstance(waiting.ingested, Ingested) else ()
         why = " ".join(one.sentence for one in findings).rstrip(".")
         step = f"etude tell {typed(campaign.path)} --changed new (or forget, or same), then run again."
-        fact = f"the robot has changed: log {held.number}: {why}"
+        fact = f"the robot has changed: log {waiting.number}: {why}"
         super().__init__(fact, where=str(campaign.path), next_step=step)

@@ -208,15 +208,15 @@ def _beginning(trajectory: Trajectory, pace: float, brake: float) -> Splined:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """To a motion, and from its end back to the pose; an approach of None: it stands at the start."""
+class Transfers:
+    """The approach to a motion, and the return from its end; None: the robot stands there already."""
 
     approach: CertifiedMotion | None
     back: CertifiedMotion | None
 
 
-def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
-    """Proved ways from a pose (k,) to the motion's start, and from its end back, at the motion's speed.
+def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Transfers:
+    """Proved transfers from a pose (k,) to the motion's start, and from its end back, at its speed.
 
     Raises:
         UsageError: the pose is outside the limits, or the kind has no approaches, or the motion does not
@@ -229,24 +229,24 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
     try:
         paths = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
     except UnsafeTrajectoryError as problem:
-        raise _no_way(campaign, motion, pose, home, problem) from None
+        raise _no_approach(campaign, motion, pose, home, problem) from None
     if paths is None or paths.whole is None:
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' have no approach to a motion from rest to rest",
             where=str(campaign.path),
             next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
         )
-    near, again = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
-    return Ways(
-        None if near else _way(campaign, motion, "approach", paths.approach),
-        None if again or motion.first else _way(campaign, motion, "return", paths.back),
+    at_start, at_end = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
+    return Transfers(
+        None if at_start else _transfer(campaign, motion, "approach", paths.approach),
+        None if at_end or motion.first else _transfer(campaign, motion, "return", paths.back),
     )
 
 
-def _no_way(
+def _no_approach(
     campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
 ) -> UnsafeTrajectoryError:
-    """Whether the pose is the fault, or what is between; a pose from which there is a way, to be typed."""
+    """Error without an approach: the pose itself is not proved, or no path from it is."""
     stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
     fact = f"no approach to motion {motion.number} is proved" if stands else "where it stands is the fault"
     named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
@@ -259,16 +259,16 @@ def _no_way(
 
 
 def _still(pose: Array) -> Splined:
-    """Standing at a pose (k,) for as long as a learned command comes or goes."""
+    """Rest at a pose (k,) while a learned command fades in or out."""
     points = np.zeros((3, 2, len(pose)))
     points[0] = pose
     return Splined(np.array([0.0, 2.0 * FADE_S]), points)
 
 
-def _way(
+def _transfer(
     campaign: Campaign, motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory
 ) -> CertifiedMotion:
-    """As slow as the motion that it is to: a control that is new is new on the way, too."""
+    """A transfer at the speed of its motion, since a new control is tested on the transfer, too."""
     if motion.speed != FULL:
         trajectory = at_speed(trajectory, motion.speed)
         require_certified(trajectory, motion.constraints.limits(campaign))
@@ -279,8 +279,8 @@ def _way(
 
 
 def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
-    """Standing at a pose (k,) for as long as a learned command comes or goes."""
-    return _way(campaign, replace(motion, speed=FULL), "hold", _still(pose))
+    """Rest at a pose (k,) while a learned command fades in or out."""
+    return _transfer(campaign, replace(motion, speed=FULL), "hold", _still(pose))
 
 
 def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:

@@ -15,7 +15,7 @@ from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.run.run_history import last_identity
 from etude.deploy.trajectory_files import command_unit, to_confirm
 from etude.drivers import About, VelocityEnvelope
-from etude.drivers.contract import is_told_of
+from etude.drivers.contract import is_identity_of
 from etude.drivers.within_limits import velocity_range
 from etude.errors import UsageError, typed
 from etude.types import Array
@@ -150,15 +150,15 @@ def _narrower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str
     """For joint j: the limit that the robot enforces, the one in the file, and the file's new line."""
     rows = []
     for name in (name for name in ENFORCED if name in stated):
-        theirs: Array | None = getattr(about, name)
+        enforced: Array | None = getattr(about, name)
         if name == "torque_rate" and LEARNED not in about.controls:
             continue  # its own feedback's alone
-        value = np.inf if theirs is None else float(theirs[j])
+        value = np.inf if enforced is None else float(enforced[j])
         if name == "velocity" and about.envelope is not None:
             value = min(value, float(about.envelope.most[j]))
-        sign, mine = (-1.0 if name == "lower" else 1.0), np.inf if stated[name] is None else stated[name]
-        if np.isfinite(value) and sign * mine > sign * value + SLACK * abs(value):
-            allows = f"allows {mine:g}" if np.isfinite(mine) else "has no limit of it"
+        sign, limit = (-1.0 if name == "lower" else 1.0), np.inf if stated[name] is None else stated[name]
+        if np.isfinite(value) and sign * limit > sign * value + SLACK * abs(value):
+            allows = f"allows {limit:g}" if np.isfinite(limit) else "has no limit of it"
             rows.append((f"{name} {value:g}", allows, f"{name} = {value!r}"))
     return rows
 
@@ -168,19 +168,22 @@ def _slower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, 
     if about.envelope is None or "envelope" not in stated:
         return []
     ends = {"lower": stated["lower"], "upper": stated["upper"]}
-    mine = stated["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
-    theirs = {name: float(values[j]) for name, values in vars(about.envelope).items()}
-    most, q = min(stated["velocity"], theirs["most"]), np.linspace(stated["lower"], stated["upper"], POSES)
-    allowed, enforced = _both_ways({**mine, "most": most}, q), _both_ways(theirs, q)
+    file_envelope = stated["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
+    robot_envelope = {name: float(values[j]) for name, values in vars(about.envelope).items()}
+    most, q = (
+        min(stated["velocity"], robot_envelope["most"]),
+        np.linspace(stated["lower"], stated["upper"], POSES),
+    )
+    allowed, enforced = _speed_limits({**file_envelope, "most": most}, q), _speed_limits(robot_envelope, q)
     k = int((allowed - enforced).argmax())
     if allowed[k] - enforced[k] <= SLACK * most:
         return []
-    line = ", ".join(f"{name} = {theirs[name]!r}" for name in ("offset", "slope", "lower", "upper"))
+    line = ", ".join(f"{name} = {robot_envelope[name]!r}" for name in ("offset", "slope", "lower", "upper"))
     what = f"velocity {enforced[k]:.3g} at {np.tile(q, 2)[k]:.3g}"
     return [(what, f"allows {allowed[k]:.3g} there", f"envelope = {{ {line} }}")]
 
 
-def _both_ways(envelope: Mapping[str, float], q: Array) -> Array:
+def _speed_limits(envelope: Mapping[str, float], q: Array) -> Array:
     """(2 n,) speeds of one joint at positions q (n,), towards its upper and its lower end."""
     limits = VelocityEnvelope(**{name: np.array([value]) for name, value in envelope.items()})
     down, up = velocity_range(limits, q[:, None])
@@ -198,7 +201,7 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
     if not about.identity:
         return [Open(f"{about.name} has no identity.", "The driver's About has to say it.")]
     now = about.answers_as
-    if not before or is_told_of(before, about) or is_told_of(stated, about):
+    if not before or is_identity_of(before, about) or is_identity_of(stated, about):
         return []
     sentence = f"Earlier recordings are of {before}, and this robot is {now}."
     step = f"If the campaign is to go on with it: --identity {typed(now)}. Else start another campaign."
@@ -211,8 +214,8 @@ def _unfinished(campaign: Campaign, resume: bool) -> list[Open]:
 
 
 def _waiting(campaign: Campaign) -> list[Open]:
-    held = campaign.state().awaiting_answer
-    if not held:
+    waiting = campaign.state().awaiting_answer
+    if not waiting:
         return []
     step = f"etude tell {typed(campaign.path)} --changed new (or forget, or same)."
-    return [Open(f"Log {held[0].number} waits for the answer to whether the robot has changed.", step)]
+    return [Open(f"Log {waiting[0].number} waits for the answer to whether the robot has changed.", step)]

@@ -302,7 +302,7 @@ class _Watching:
 
     def __init__(self, session: RobotSession, supervisor: Supervisor, planned: PlannedMotion) -> None:
         self.session, self.supervisor, self.planned = session, supervisor, planned
-        self.told = time.monotonic()
+        self.reported = time.monotonic()
 
     def __call__(self, sample: Sample) -> Reaction:
         reaction = self.supervisor.watch(sample)
@@ -311,8 +311,8 @@ class _Watching:
             self.session.interrupted.set()
             return Reaction.STOP
         now = time.monotonic()
-        if now - self.told >= STATUS_S:
-            self.told = now
+        if now - self.reported >= STATUS_S:
+            self.reported = now
             worst = self.supervisor.worst_error[self.session.columns]
             fields = {"number": self.planned.number, "part": self.planned.part, "at": sample.at}
             fields |= {"of": self.planned.duration, "worst_error": worst.tolist()}
@@ -333,18 +333,18 @@ Handler = Callable[[int, FrameType | None], Any]
 def resting_on_signals(player: Player, interrupted: threading.Event) -> AbstractContextManager[None]:
     """While the robot moves, Ctrl-C and SIGTERM bring it to rest; a second one stops it at once."""
 
-    def rest(_: object) -> Handler:
+    def come_to_rest(_: object) -> Handler:
         def handle(_: int, __: FrameType | None) -> None:
             player.stop(kill=interrupted.is_set())
             interrupted.set()
 
         return handle
 
-    return _on_signals(rest)
+    return _on_signals(come_to_rest)
 
 
 def held_on_signals(player: Player) -> AbstractContextManager[None]:
-    """While it stands, they let it hold first, and then do what they do anyway."""
+    """While the robot stands, Ctrl-C and SIGTERM let it hold first, and then act as before."""
 
     def hold(before: Any) -> Handler:
         def handle(number: int, frame: FrameType | None) -> None:

@@ -54,7 +54,7 @@ def next_step(events: Sequence[Event], control: str) -> SpeedStep:
     return steps[at]
 
 
-def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
+def pending_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
     """Of proposals that wait for their log: recordings of whole motions that ended well and were never told,
     as where a run was killed in between, or a log was refused; not uneven ones, whose motions are run again.
     """
@@ -78,7 +78,7 @@ def last_identity(events: Sequence[Event]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenErrors:
+class MeasuredErrors:
     """The largest values (k,) of the last recordings at full speed, and the factor for their number."""
 
     largest: Array
@@ -90,12 +90,12 @@ class SeenErrors:
         return self.factor * self.largest
 
 
-def seen_errors(events: Sequence[Event], control: str) -> SeenErrors | None:
+def measured_errors(events: Sequence[Event], control: str) -> MeasuredErrors | None:
     """Largest |measured - asked| over time; None before a recording of a whole motion under that control."""
     return _largest([fact.worst_error for fact in _whole(events, control)])
 
 
-def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
+def measured_residuals(events: Sequence[Event], control: str) -> MeasuredErrors | None:
     """The same of |command - predicted|, means over 0.1 s. Ways count too: they begin where friction holds
     the robot anywhere in its band. None before a whole motion.
     """
@@ -108,9 +108,9 @@ def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
     return replace(whole, largest=np.maximum(whole.largest, every.largest))
 
 
-def _largest(rows: Sequence[Figures]) -> SeenErrors | None:
+def _largest(rows: Sequence[Figures]) -> MeasuredErrors | None:
     figures = np.array([row for row in rows if row and None not in row], dtype=float)[-LOGS_CONSIDERED:]
-    return SeenErrors(figures.max(axis=0), factor(len(figures))) if len(figures) else None
+    return MeasuredErrors(figures.max(axis=0), factor(len(figures))) if len(figures) else None
 
 
 def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:

@@ -11,13 +11,13 @@ from etude.campaign.propose.constraints import Constraints, ranges_of
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event
 from etude.campaign.record.folder import Campaign
-from etude.campaign.run.run_history import seen_errors, seen_residuals
+from etude.campaign.run.run_history import measured_errors, measured_residuals
 from etude.drivers import About, Bounds
 from etude.limits.tracking_margins import margins_of
 from etude.protocols import Trajectory
 from etude.types import Array
 
-WHILE_ASSUMED, ONCE_MEASURED = 4.0, 2.0
+OF_ASSUMED, OF_MEASURED = 4.0, 2.0
 """Times a margin at which a motion is stopped. A margin holds in 95 of 100 runs, so it is no bound itself."""
 LEAST_ASSUMED = 0.5
 """Of the margin that is assumed before any log; no error below that stops a motion. New motions err by more
@@ -77,12 +77,12 @@ def _error_bound(
 ) -> Array:
     """(k,) bound of the tracking error. Where a hard limit is nearer to the path, it stops the motion."""
     margin = assumed_margin(campaign, constraints, trajectory)
-    errors, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
-    bound = WHILE_ASSUMED * margin
+    errors, alone = measured_errors(events, control), measured_errors(events, FEEDBACK)
+    bound = OF_ASSUMED * margin
     if errors is not None:
-        bound = ONCE_MEASURED * errors.expected
+        bound = OF_MEASURED * errors.expected
     elif alone is not None:
-        bound = np.minimum(bound, WHILE_ASSUMED * alone.expected)
+        bound = np.minimum(bound, OF_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
         # where a model knows nothing its command fades, and the feedback is what is left
         bound = np.maximum(bound, alone.expected)
@@ -119,8 +119,8 @@ def _residual_bound(
 
     drive: (k,) largest commands; None: unknown.
     """
-    residuals = seen_residuals(events, control) if deviation is not None else None
+    residuals = measured_residuals(events, control) if deviation is not None else None
     if residuals is None or deviation is None:
         return None
-    bound = np.maximum(ONCE_MEASURED * residuals.expected, DEVIATIONS * deviation.max(axis=0))
+    bound = np.maximum(OF_MEASURED * residuals.expected, DEVIATIONS * deviation.max(axis=0))
     return np.asarray(bound if drive is None else np.maximum(bound, OF_DRIVE * drive))

@@ -131,7 +131,7 @@ COLUMN = re.compile(
     r"(?P<word>position|velocit|acceleration|effort)(?:ies|y|s)?(?:_(?P<after>.+))?"
 )
 WORDS = {"velocit": "velocity"}
-MEASURED, WANTED = ("feedback", "actual"), ("reference", "desired")
+MEASURED, DESIRED_POINTS = ("feedback", "actual"), ("reference", "desired")
 OUTPUT = "output"
 """Fields of the controller's output; only its efforts are learned commands."""
 
@@ -145,14 +145,14 @@ def plain(text: str) -> str:
     word, point = WORDS.get(match["word"], match["word"]), match["point"]
     if (word == "effort") != (point == OUTPUT) and point not in MEASURED:
         return ""
-    return f"{word}{'_desired' if point in WANTED else ''}_{joint}"
+    return f"{word}{'_desired' if point in DESIRED_POINTS else ''}_{joint}"
 
 
 def doubles(headers: Sequence[str]) -> set[str]:
-    """Those that say again what another does: Humble fills `actual` beside `feedback`, and efforts may be
+    """Those that say duplicates what another does: Humble fills `actual` beside `feedback`, and efforts may be
     measured beside those that are sent. The first is taken: feedback, actual, reference, desired, output.
     """
-    ranks = {point: rank for rank, point in enumerate((*MEASURED, *WANTED, OUTPUT))}
+    ranks = {point: rank for rank, point in enumerate((*MEASURED, *DESIRED_POINTS, OUTPUT))}
     by_meaning: dict[str, list[tuple[int, str]]] = {}
     for header in headers:
         text = normal(split_unit(header)[0])
@@ -170,14 +170,16 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     """
     vocabulary = _Vocabulary(_named(channels), _channels_by_word(channels), _bare(channels))
     described = {channel.name: channel for channel in channels}
-    again, meanings, left = doubles(headers), Found(), []
+    duplicates, meanings, left = doubles(headers), Found(), []
     written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
-        if header in written and header not in again:  # as Étude writes it, whatever is in the part's name
+        if (
+            header in written and header not in duplicates
+        ):  # as Étude writes it, whatever is in the part's name
             meanings.note(Claim("named", *written[header], 0), header, "")
             continue
         text, unit = split_unit(header)
-        claims = () if header in again else vocabulary.claims(text)
+        claims = () if header in duplicates else vocabulary.claims(text)
         claims = tuple(claim for claim in claims if _may_be(unit, described[claim.channel]))
         if claims and unit_in(unit) is None:
             raise DataError(
@@ -187,7 +189,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
             meanings.note(claim, header, unit)
         left += [] if claims else [header]
     _add_suffixed(
-        meanings, [h for h in left if h not in again and not split_unit(h)[1]], vocabulary, described
+        meanings, [h for h in left if h not in duplicates and not split_unit(h)[1]], vocabulary, described
     )
     taken = {column.name for column in meanings.columns()}
     meanings.ignored += [header for header in left if header not in taken]
@@ -334,8 +336,8 @@ def settle_bare(meanings: Found, channels: dict[str, Channel], where: str) -> No
     """
     whole: dict[str, list[str]] = {}
     for name, columns in meanings.bare.items():
-        have = meanings.named.get(name, {})
-        missing = [part for part in channels[name].parts if part not in have]
+        named = meanings.named.get(name, {})
+        missing = [part for part in channels[name].parts if part not in named]
         if missing and name not in meanings.numbered and all(part in columns for part in missing):
             for part in missing:
                 whole.setdefault(columns[part][0].name, []).append(name)
@@ -347,5 +349,5 @@ def settle_bare(meanings: Found, channels: dict[str, Channel], where: str) -> No
                 next_step=f"Name it {' or '.join(f'{name}_{normal(header)}' for name in names)}.",
             )
     for name in {n for names in whole.values() for n in names}:
-        mine = meanings.named.setdefault(name, {})
-        mine |= {part: columns for part, columns in meanings.bare[name].items() if part not in mine}
+        by_part = meanings.named.setdefault(name, {})
+        by_part |= {part: columns for part, columns in meanings.bare[name].items() if part not in by_part}

@@ -108,37 +108,39 @@ def _of_channel(
     channel: Channel, meanings: Found, repairs: list[str], where: str
 ) -> tuple[Column, ...] | None:
     """The channel's columns in the order of its parts; None if the file has none, or too few of an aside."""
-    mine = meanings.named.get(channel.name, {})
+    by_part = meanings.named.get(channel.name, {})
     if channel.name in SENSORS or channel.role == "plan":
-        mine = _first_spelling(mine, channel)
+        by_part = _first_spelling(by_part, channel)
     numbered = meanings.numbered.get(channel.name, {})
-    if numbered and not mine and _worth(channel, numbered):
-        mine = _by_number(channel, numbered, repairs, where)
-    missing = [part for part in channel.parts if part not in mine]
+    if numbered and not by_part and _worth(channel, numbered):
+        by_part = _by_number(channel, numbered, repairs, where)
+    missing = [part for part in channel.parts if part not in by_part]
     if not missing:
-        mine = _in_its_unit(channel, mine)
-        _check_single(channel, mine, where)
-        columns, sentences = _in_drive_units(channel, tuple(mine[part][0] for part in channel.parts), where)
+        by_part = _in_its_unit(channel, by_part)
+        _check_single(channel, by_part, where)
+        columns, sentences = _in_drive_units(
+            channel, tuple(by_part[part][0] for part in channel.parts), where
+        )
         repairs += sentences
         return columns
-    if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
+    if channel.required or (by_part and channel.role == "state" and channel.name not in SENSORS):
         raise DataError(
             f"no column for channel '{channel.name}' of {', '.join(missing)}",
             where=where,
             next_step=_advice(channel, missing[0], meanings.ignored),
         )
-    if mine:
+    if by_part:
         repairs.append(f"Channel {channel.name} lacks {', '.join(missing)} and was left out.")
     return None
 
 
-def _first_spelling(mine: dict[str, list[Column]], channel: Channel) -> dict[str, list[Column]]:
+def _first_spelling(by_part: dict[str, list[Column]], channel: Channel) -> dict[str, list[Column]]:
     """The columns of the first word that has them all, each once; as they are if none has."""
-    for word in sorted({column.word for columns in mine.values() for column in columns}):
-        spelled = {part: [c for c in columns if c.word == word][:1] for part, columns in mine.items()}
+    for word in sorted({column.word for columns in by_part.values() for column in columns}):
+        spelled = {part: [c for c in columns if c.word == word][:1] for part, columns in by_part.items()}
         if all(spelled.get(part) for part in channel.parts):
             return spelled
-    return mine
+    return by_part
 
 
 def _worth(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
@@ -167,18 +169,18 @@ def _by_number(
     return {part: numbered[number] for part, number in zip(channel.parts, numbers, strict=True)}
 
 
-def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, list[Column]]:
+def _in_its_unit(channel: Channel, by_part: dict[str, list[Column]]) -> dict[str, list[Column]]:
     """The columns, and of a part that has several the one whose header states a unit of the channel."""
-    selected = dict(mine)
+    selected = dict(by_part)
     for part, unit in zip(channel.parts, channel.units, strict=True):
-        candidates = [c for c in mine[part] if c.stated and same_dimension(c.unit, unit)]
-        if len(mine[part]) > 1 and len(candidates) == 1:
+        candidates = [c for c in by_part[part] if c.stated and same_dimension(c.unit, unit)]
+        if len(by_part[part]) > 1 and len(candidates) == 1:
             selected[part] = candidates
     return selected
 
 
-def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -> None:
-    double = [[c.name for c in columns] for columns in mine.values() if len(columns) > 1]
+def _check_single(channel: Channel, by_part: dict[str, list[Column]], where: str) -> None:
+    double = [[c.name for c in columns] for columns in by_part.values() if len(columns) > 1]
     if double:
         families = [family_of(name, channel)[0] for name in double[0]]
         which = f"{answer(channel, families)} " if all(families) and len(channel.parts) > 1 else ""

@@ -418,8 +418,8 @@ def _chosen(
                 where=str(path),
                 next_step=f"Name the one: --topic {leader.name}, or --topic {topic.name}.",
             )
-        had = {name for one in chosen for name in one.columns}
-        new = {name: column for name, column in topic.columns.items() if name not in had}
+        present = {name for one in chosen for name in one.columns}
+        new = {name: column for name, column in topic.columns.items() if name not in present}
         if new:
             chosen.append(replace(topic, columns=new))
     names = {topic.name for topic in chosen}

@@ -32,8 +32,8 @@ from etude.types import Array, Log
 if TYPE_CHECKING:
     import polars as pl
 
-JUDGED = 1000
-"""Rows by which a column's type is judged."""
+TYPE_ROWS = 1000
+"""First rows, which decide the type of a column."""
 DECIMAL_COMMA = re.compile(r"(?:^|[;\t| ])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\t| ]|$)", re.MULTILINE)
 
 
@@ -389,7 +389,7 @@ def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
 def _with_types(form: _Form, body: bytes, path: Path) -> _Form:
     """The form with the types of its columns: numbers where most of the first cells are."""
     end = 0
-    for _ in range(JUDGED):
+    for _ in range(TYPE_ROWS):
         place = body.find(b"\n", end)
         if place < 0:
             break

@@ -390,7 +390,7 @@ def named_columns(
         elif arrays.values:
             rows = _by_name(arrays.names, where)
             for stem, values in arrays.values.items():
-                joint_columns |= {f"{stem}/{name}": _taken(values, at) for name, at in rows.items()}
+                joint_columns |= {f"{stem}/{name}": _picked(values, at) for name, at in rows.items()}
             sentences.append(f"Columns {', '.join(arrays.values)} were mapped to joints by the names beside.")
         used.update(arrays.used)
     return joint_columns, used, tuple(sentences)
@@ -435,7 +435,7 @@ def _by_name(names: Any, where: str) -> dict[str, Any]:
     return entries
 
 
-def _taken(values: Array, at: Any) -> Array:
+def _picked(values: Array, at: Any) -> Array:
     inside = (at >= 0) & (at < values.shape[1])
     picked = values[np.arange(len(values)), np.where(inside, at, 0)]
     return np.asarray(np.where(inside, picked, np.nan))

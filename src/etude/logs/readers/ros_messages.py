@@ -214,7 +214,7 @@ class Stores:
 
     def __init__(self, path: Path) -> None:
         self._typesys = needed("rosbags.typesys", READING, path)
-        self._known: dict[tuple[str, str], list[Any]] = {}
+        self._stores: dict[tuple[str, str], list[Any]] = {}
 
     def of(self, connection: Any) -> Any:
         """The type store for a topic's messages."""
@@ -236,9 +236,9 @@ class Stores:
 
     def _all(self, connection: Any) -> list[Any]:
         key = (connection.msgtype, connection.msgdef.data)
-        if key not in self._known:
-            self._known[key] = self._made(connection)
-        return self._known[key]
+        if key not in self._stores:
+            self._stores[key] = self._made(connection)
+        return self._stores[key]
 
     def _made(self, connection: Any) -> list[Any]:
         typesys, format_ = self._typesys, connection.msgdef.format.name
