@@ -170,10 +170,8 @@ def _slower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str, 
     ends = {"lower": stated["lower"], "upper": stated["upper"]}
     file_envelope = stated["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
     robot_envelope = {name: float(values[j]) for name, values in vars(about.envelope).items()}
-    most, q = (
-        min(stated["velocity"], robot_envelope["most"]),
-        np.linspace(stated["lower"], stated["upper"], POSES),
-    )
+    most = min(stated["velocity"], robot_envelope["most"])
+    q = np.linspace(stated["lower"], stated["upper"], POSES)
     allowed, enforced = _speed_limits({**file_envelope, "most": most}, q), _speed_limits(robot_envelope, q)
     k = int((allowed - enforced).argmax())
     if allowed[k] - enforced[k] <= SLACK * most:

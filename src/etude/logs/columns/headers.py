@@ -149,8 +149,8 @@ def plain(text: str) -> str:
 
 
 def doubles(headers: Sequence[str]) -> set[str]:
-    """Those that say duplicates what another does: Humble fills `actual` beside `feedback`, and efforts may be
-    measured beside those that are sent. The first is taken: feedback, actual, reference, desired, output.
+    """Headers that repeat another: Humble fills `actual` beside `feedback`, and efforts may be measured beside
+    those that are sent. The first is taken: feedback, actual, reference, desired, output.
     """
     ranks = {point: rank for rank, point in enumerate((*MEASURED, *DESIRED_POINTS, OUTPUT))}
     by_meaning: dict[str, list[tuple[int, str]]] = {}
@@ -173,9 +173,8 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     duplicates, meanings, left = doubles(headers), Found(), []
     written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
-        if (
-            header in written and header not in duplicates
-        ):  # as Étude writes it, whatever is in the part's name
+        # as Étude writes it, whatever is in the part's name
+        if header in written and header not in duplicates:
             meanings.note(Claim("named", *written[header], 0), header, "")
             continue
         text, unit = split_unit(header)
