@@ -26,10 +26,8 @@ from etude.types import Channel, Finding, Log
 if TYPE_CHECKING:
     from etude.logs.evidence.joint_evidence import Decision
 
-MOST_INGESTED, MOST_NEW = (
-    12,
-    48,
-)  # logs that are judged together: the newest ingested ones, the first new ones
+MOST_INGESTED, MOST_NEW = 12, 48
+"""Logs that are judged together: the newest ingested ones, and the first new ones."""
 ROUNDS = 8  # of repairs, each of which is judged again
 FORCES = ("N m", "N")
 Answer = Callable[[Finding], str]
@@ -82,9 +80,9 @@ def decided(
         indices = frozenset(i - len(old) for i in decision.logs if i >= len(old))
         if not indices and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
             finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in decision.logs)))
-        again = any(step.finding == finding for step in steps)
+        is_repeated = any(step.finding == finding for step in steps)
         whole = len(indices) == len(decision.logs) and isinstance(finding, Mendable)
-        what = "open" if again else _what(decision, answer(finding), whole)
+        what = "open" if is_repeated else _what(decision, answer(finding), whole)
         steps.append(Step(what, finding, indices or frozenset(range(len(new)))))
         if what == "open":
             return steps, decision

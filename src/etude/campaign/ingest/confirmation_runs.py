@@ -39,9 +39,11 @@ def take_run(
             where=str(campaign.path),
             next_step=f"etude ask {typed(campaign.path)} --confirm.",
         )
-    again = [n for n in numbers if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
-    if again:
-        return IngestResult(again[0], True, False, (), (), run=run)
+    repeats = [
+        n for n in numbers if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest
+    ]
+    if repeats:
+        return IngestResult(repeats[0], True, False, (), (), run=run)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     questions = questions_of(campaign, state, answers)
     log = read(

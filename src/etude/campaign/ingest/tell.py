@@ -258,8 +258,8 @@ def take(
     log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, questions, how)
     group = np.zeros(len(log), dtype=np.int64)  # a log without samples is refused
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
-    change, again = change_of_robot(campaign, state, log, samples), repeated(campaign, state, number, log)
-    warnings = (change, None if again is None else warning(*again))
+    change, repeat = change_of_robot(campaign, state, log, samples), repeated(campaign, state, number, log)
+    warnings = (change, None if repeat is None else warning(*repeat))
     findings = (*questions.accepted, *(one for one in warnings if one is not None))
     fact = Ingested(
         sha256=digest,
@@ -271,7 +271,7 @@ def take(
         speed=speed,
         answers=tuple(questions.used),
         findings=findings,
-        repeats=None if again is None else again[0],
+        repeats=None if repeat is None else repeat[0],
     )
     if answers_it:
         fact = _with_motion(campaign, number, log, fact, control)

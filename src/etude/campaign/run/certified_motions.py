@@ -209,7 +209,7 @@ def _beginning(trajectory: Trajectory, pace: float, brake: float) -> Splined:
 
 @dataclass(frozen=True, eq=False)
 class Transfers:
-    """The approach to a motion, and the return from its end; None: the robot stands there already."""
+    """The approach to a motion, and the return from its end; None: not needed."""
 
     approach: CertifiedMotion | None
     back: CertifiedMotion | None

@@ -234,7 +234,7 @@ class RobotSession:
         fact, where = result.fact, f"{motion.part} {motion.number}, {result.fact.reached:.2f} s"
         why = fact.reason.rstrip(".") or fact.ended
         on = f" --on {typed(self.on)}" if self.on else ""
-        again = (
+        next_step = (
             f"See to it, then: etude run {typed(self.campaign.path)}{on}. It plans a new approach from there."
         )
         if result.done:
@@ -242,16 +242,16 @@ class RobotSession:
         if fact.ended == Ended.INTERRUPTED.value:
             raise KeyboardInterrupt
         if fact.ended == Ended.REFUSED.value:
-            raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=again)
+            raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=next_step)
         if fact.ended == Ended.LOST.value:
             does = after_loss(self.about)
             raise LinkLost(
                 f"nothing was heard of {self.about.name}: {why}",
                 where=where,
-                next_step=f"{does[0].upper()}{does[1:]}. {again}",
+                next_step=f"{does[0].upper()}{does[1:]}. {next_step}",
             )
         raise RobotStopped(
-            f"stopped: {why}", where=where, next_step=f"{again}{self._if_again(motion, result.recording)}"
+            f"stopped: {why}", where=where, next_step=f"{next_step}{self._if_again(motion, result.recording)}"
         )
 
     def _if_again(self, motion: CertifiedMotion, recording: Recording) -> str:

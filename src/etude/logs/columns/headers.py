@@ -149,8 +149,8 @@ def plain(text: str) -> str:
 
 
 def doubles(headers: Sequence[str]) -> set[str]:
-    """Headers that repeat another: Humble fills `actual` beside `feedback`, and efforts may be measured beside
-    those that are sent. The first is taken: feedback, actual, reference, desired, output.
+    """Headers that repeat another: Humble fills `actual` beside `feedback`, and measured efforts may stand
+    beside those that are sent. The first is taken: feedback, actual, reference, desired, output.
     """
     ranks = {point: rank for rank, point in enumerate((*MEASURED, *DESIRED_POINTS, OUTPUT))}
     by_meaning: dict[str, list[tuple[int, str]]] = {}
