@@ -30,15 +30,15 @@ MotionPart = Literal["approach", "motion", "return", "hold"]
 
 
 class Reaction(enum.Enum):
-    """What the supervisor answers to a sample. A Player obeys within `About.stop_latency` s."""
+    """The supervisor's answer to a sample. A Player obeys within `About.stop_latency` s."""
 
     GO = "go"
     HOLD = "hold"
-    """Slow down along the path to rest, and wait; where `About.can_hold` is False it is a STOP."""
+    """Slow down along the path to rest, and wait; a STOP if `About.can_hold` is False."""
     STOP = "stop"
     """Come to rest as fast as is gentle, and go on holding; the motion is over."""
     KILL = "kill"
-    """Whatever stops at once."""
+    """Stop at once, by any means."""
 
 
 class Ended(enum.Enum):
@@ -64,14 +64,15 @@ class Sample:
     Attributes:
         t: the robot's own clock, s.
         q: (J,) measured positions, rad or m. qd: (J,) measured velocities, if it measures them.
-        command: (J,) what the model is to predict, in the campaign's unit; `About.command_of` says of what.
-        asked: (J,) the set-point in force at t, if the robot says so. Ways start there, since feedback sags.
-        seen: our own clock when it came, s; a Player fills it: of silence, lateness and drift. It counts
-            cycles where the robot's is virtual.
+        command: (J,) commands that the model predicts, in the campaign's unit; see `About.command_of`.
+        asked: (J,) the set-point in force at t, if the robot reports it. Approaches start there, since
+            feedback sags.
+        seen: this computer's clock at arrival, s; a Player fills it. It shows silence, lateness and drift,
+            and counts cycles if the robot's clock is virtual.
         at: trajectory time of `asked`, s; a Player fills both, None before the first set-point.
-        fault: not empty: the robot does not follow any more, and why.
-        extra: what else it measures, by column of a log: what a vehicle learns from, such as rates_x, and
-            command_NAME of each rotor, where commands are not one a joint; temperature, voltage, ...
+        fault: the reason if the robot does not follow any more; otherwise empty.
+        extra: other measurements, by column of a log: rates_x of a vehicle, for example; command_NAME of each
+            rotor, if there is not one command for each joint; temperature, voltage, ...
     """
 
     t: float
@@ -102,33 +103,32 @@ class VelocityEnvelope:
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What a robot says of itself before it is moved. Nothing of it is guessed: what is None blocks.
+    """A robot's description of itself, needed before it moves. Nothing is guessed: a missing value blocks.
 
     Attributes:
         name: of the robot. identity: serial number, bus path or address; it is written into every recording,
-            and a changed one is asked about. payload: kg that the robot is set to carry, beyond what always
-            hangs there; a changed one is asked about, too; None: it has no such setting, or tells it only
-            once it is connected.
-        joints: by name; matched with the campaign's, never by order alone.
+            and a change needs a confirmation. payload: kg in the robot's setting, beyond what is always
+            mounted; a change needs a confirmation, too. None: there is no such setting, or it is known only
+            after the connection.
+        joints: names, which are matched with the campaign's, never by order alone.
         rate: Hz at which it takes set-points (a Stream) or gives samples (a Player).
-        command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
+        command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: meaning of `Sample.command`.
         gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
         controls: "learned" only if the effort of `send` is added to the feedback.
-        learned_as: of `send`'s effort. "": the model's command. The name of an exporter: what was learned of
-            the accelerations in its files, m/s^2, in addition to the motion's own; it goes with the speed
-            while a motion is braked.
-        lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
-            enforces none. envelope: velocity limits by position.
-        can_hold: HOLD, and going on after it, are possible.
+        learned_as: meaning of `send`'s effort. "": the model's command. The name of an exporter: the learned
+            part of the accelerations in its files, m/s^2, in addition to the motion's own. It decreases with
+            the speed while a motion is braked.
+        lower, upper, velocity, acceleration, jerk, torque_rate: (J,) limits that the robot enforces;
+            None: it enforces none. envelope: velocity limits by position.
+        can_hold: the robot can obey HOLD and continue after it.
         stop_latency: s from STOP to the first decelerating set-point.
-        stopping_time: s from `stop` to rest, at most, of a robot that moves; it then holds where it rests.
-        on_loss: what the robot does if this program dies now: it brakes and holds, it holds its last
-            set-point, it goes on, or its motors stop and it falls.
+        stopping_time: largest time from `stop` to rest of a moving robot, s; it then holds its pose.
+        on_loss: reaction if this program dies: the robot brakes and holds, holds its last set-point, goes on,
+            or its motors stop and it falls.
         silence: s without a sample that count as a lost link.
         encoder_step: (J,) rad or m of one step; None: unknown.
-        real: False: a simulation, and nobody has to stand at the button.
-        virtual: its clock is not ours: a cycle is as long as it says, so silence and lateness are told by
-            its own clock.
+        real: False for a simulation, which needs nobody at the button.
+        virtual: the robot's clock is simulated: it alone measures cycles, silence and lateness.
     """
 
     name: str
@@ -206,25 +206,25 @@ class PlannedMotion:
 
     @property
     def duration(self) -> float:
-        """s"""
+        """Duration, s."""
         return float(self.t[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What came back. `trajectory time = robot time - began`, exactly: no alignment is guessed from it.
+    """The recording of a motion. `trajectory time = robot time - began` is exact, so it needs no alignment.
 
     Attributes:
-        motion: that was to be run. ended: how it ended, and `reason`, a sentence; of STOPPED it is
-            `Supervisor.reason`, which a Player does not know, and leaves "".
+        motion: the planned one. ended: its end. reason: a sentence on the end; of STOPPED it is
+            `Supervisor.reason`, which a Player does not know and leaves "".
         began: the robot's clock at trajectory time 0, s. t: (n,) the robot's clock.
-        at: (n,) trajectory time of the set-point in force, s: t - began, but for waits and brakings.
-        q, command, asked: (n, J); asked is the set-point in force at each t. qd: None: not measured.
-            NaN where a sample lacked it.
-        reached: trajectory time that was reached, s. late: cycles that we missed.
+        at: (n,) trajectory time of the set-point in force, s: t - began, except for waits and braking.
+        q, command, asked: (n, J); asked is the set-point in force at each t. qd: None if not measured.
+            NaN where a sample lacked the value.
+        reached: trajectory time that was reached, s. late: number of missed cycles.
         identity, command_unit: as `About` had them at that time.
         held: (start, end) s of the robot's clock from the first braking set-point of a HOLD to full speed.
-        extra: (n,) each of what samples had beside; NaN where a sample lacked it.
+        extra: (n,) each of the samples' other measurements; NaN where a sample lacked one.
     """
 
     motion: PlannedMotion
@@ -254,33 +254,33 @@ class Stream(Protocol):
     """A robot that takes a set-point in each cycle. One thread makes all calls, except `stop`."""
 
     def about(self) -> About:
-        """Before `__enter__` too; moves nothing."""
+        """Description of the robot, also before `__enter__`; moves nothing."""
         ...
 
     def __enter__(self) -> Self:
-        """Connects. Nothing moves, brakes stay as they are."""
+        """Connect. Nothing moves, and brakes stay as they are."""
         ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
-        """Comes to rest and disconnects; also after a fault."""
+        """Come to rest and disconnect, also after a fault."""
         ...
 
     def state(self) -> Sample:
-        """The newest sample. It may wait for up to one cycle: then the robot is the clock."""
+        """The newest sample. The call may wait for up to one cycle: then the robot is the clock."""
         ...
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        """The set-point (J,) of the coming cycle: where it has to be at the next sample. Returns at once."""
+        """Send the set-point (J,) of the coming cycle, due at the next sample. Returns at once."""
         ...
 
     def ready(self, control: Control) -> None:
-        """Starts to follow set-points from where it stands now: servo mode, torque on."""
+        """Start to follow set-points from the present pose: servo mode, torque on."""
         ...
 
     def stop(self, kill: bool = False) -> None:
-        """Comes to rest and holds. From any thread or signal handler; idempotent; never raises; works without
+        """Come to rest and hold. From any thread or signal handler; idempotent; never raises; works without
         `ready`.
         """
         ...
@@ -297,18 +297,18 @@ class Player(Protocol):
     ) -> None: ...
 
     def where(self) -> Sample:
-        """Fresh, never a cached one; moves nothing."""
+        """A new sample, never a cached one; moves nothing."""
         ...
 
     def check(self, motion: PlannedMotion) -> Sequence[str]:
-        """Sentences why it would refuse this motion; moves nothing."""
+        """Reasons to refuse this motion, a sentence each; moves nothing."""
         ...
 
     def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
-        """Plays it from its first point, where the robot has to stand (else `Ended.REFUSED`), and blocks.
+        """Play a motion from its first point, where the robot has to stand (else `Ended.REFUSED`), and block.
 
-        It records everything from before the first set-point to rest. It never raises for what the robot
-        did: `Recording.ended` says it.
+        Records from before the first set-point until rest. Never raises for a reaction of the robot:
+        `Recording.ended` reports it.
         """
         ...
 
@@ -323,17 +323,17 @@ Factory = Callable[[tuple[str, ...], str, Mapping[str, Any]], "Stream | Player"]
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What the supervisor holds. All (J,), except where a float.
+    """Bounds of the supervisor. All (J,), except where a float.
 
     Attributes:
-        error: |q - asked|. A tracking margin holds in 95 % of runs by design, so it is no bound to stop at:
-            4 times it while it is assumed, twice once logs have measured it, and at least 5 encoder steps;
-            never beyond the distance to the hard limit.
+        error: |q - asked|. A tracking margin holds in 95 % of runs by design, so a bound is larger:
+            4 times an assumed margin, twice a measured one, and at least 5 encoder steps; never beyond the
+            distance to the hard limit.
         for_s: s that an error has to last. One sample is a glitch of the bus, 20 ms are a collision.
-        lower, upper, velocity: of what is measured, hard. effort: of |command|; None: unknown.
+        lower, upper, velocity: hard limits of measured values. effort: of |command|; None: unknown.
         residual: of |command - predicted|, means over 0.1 s, under the learned command, where stiff feedback
-            hides a push from `error`; None until logs tell it.
-        silence: s without a sample. clock: largest drift between the robot's clock and ours, s.
+            hides a push from `error`; None before logs give a value.
+        silence: s without a sample. clock: largest drift between the robot's clock and this computer's, s.
     """
 
     error: Array
@@ -348,10 +348,10 @@ class Bounds:
 
 
 class Person(Protocol):
-    """The one who stands at the button."""
+    """The person at the stop button."""
 
     def agrees(self, sentences: Sequence[str], word: str) -> bool:
-        """Shows what will move where, how long and how fast, and waits for `word`, typed in full."""
+        """Show sentences on the motion: place, duration, speed; wait for `word`, typed in full."""
         ...
 
     def alive(self) -> bool:

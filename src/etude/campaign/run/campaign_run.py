@@ -64,7 +64,7 @@ LATE = 0.01
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a campaign is run.
+    """Options of a run of a campaign.
 
     Attributes:
         on: the driver, as it was named. rounds: motions at most; 0: until the stop rule fires.
@@ -87,10 +87,10 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RoundRun:
-    """One motion that taught.
+    """Figures of one motion for training.
 
     Attributes:
-        number: of the proposal. control: that it ran under.
+        number: of the proposal. control: control of the run.
         error: (k,) mean |measured - asked|, deg or the path's unit. worst: (k,) the largest, rad (m).
     """
 
@@ -102,15 +102,15 @@ class RoundRun:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run did.
+    """Result of a run.
 
     Attributes:
-        rounds: motions that taught. why: it ended, a sentence.
-        robot_seconds: of motion, ways and careful steps too. stood: s that the robot stood and waited.
-        confirmed: what `status` says of the motion that confirms; None without one.
-        promotion: what became of the newest model; None where nobody asked. said: sentences beside.
-        planned: number of the motion that a dry run would begin with; None: it would confirm, or it ran.
-        approach: the way to it from where the robot stands; None: it stands there.
+        rounds: motions for training. why: reason of its end, a sentence.
+        robot_seconds: of motion, with transfers and careful steps. stood: s that the robot stood and waited.
+        confirmed: result of the confirmation motion, as in `status`; None without one.
+        promotion: outcome for the newest model; None if it was not requested. said: further sentences.
+        planned: number of the first motion of a dry run; None: it is a confirmation motion, or it ran.
+        approach: from the robot's pose to that motion; None: it stands there.
     """
 
     rounds: tuple[RoundRun, ...] = ()
@@ -326,9 +326,10 @@ class _Loop:
     after_stop: int = 0  # motions asked for since the stop rule has fired
 
     def first(self) -> tuple[CertifiedMotion | None, str]:
-        """The motion that is run first, proved and accepted; None where the stop rule has fired, and why.
-        Nothing moves. A log that an earlier run recorded and did not come to is taken in before: no motion is
-        run twice for one log.
+        """The first motion, proved and accepted; None with the reason if the stop rule has fired.
+
+        Nothing moves. Recordings that an earlier run did not ingest are ingested first, so that no motion
+        runs twice.
         """
         for number, path in pending_recordings(self.campaign):
             self._ingest(number, path)

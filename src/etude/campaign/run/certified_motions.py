@@ -33,11 +33,11 @@ from etude.trajectories.splined import Splined
 from etude.types import Array, Motion
 
 NEAR = 1e-9
-"""rad or m: a robot that was asked to stand so near to a motion's start needs no way there."""
+"""rad or m: within this distance of a motion's start a robot needs no approach."""
 COMMAND_HZ = 200.0
-"""At which learned commands are computed; between, they are joined by lines."""
+"""Rate of learned commands, Hz; between, they are interpolated linearly."""
 FADE_S = 1.5
-"""s in which a learned command comes or goes, where the motion before was sent without, or with it."""
+"""s in which a learned command fades in or out between motions without and with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,16 +166,16 @@ def proposal_motion(campaign: Campaign, number: int, control: str) -> CertifiedM
 
 
 CAREFUL_S = 10.0
-"""s of a motion, at full speed, that are run slowly first, if its first segment is not over before."""
+"""Longest part of a motion that runs slowly first, in s at full speed; at most the first segment."""
 BRAKES = (3.0, 6.0)
-"""s in which it is braked along its path there, at full speed; the first that is proved."""
+"""s of braking along the path at full speed; the first value with a proof is used."""
 KNOTS_S = 0.05
-"""s of the motion between two knots of what is run instead."""
+"""s of the motion between two knots of the slow one."""
 
 
 def careful_motion(campaign: Campaign, motion: CertifiedMotion, speed: int) -> CertifiedMotion | None:
-    """The beginning of a motion at that speed, per cent, along its own path to rest; None if it is not
-    proved, as at full speed, where a motion may leave no room to brake.
+    """The beginning of a motion at a speed in percent, braked to rest along its path. None without a
+    proof: at full speed, for example, there may be no room to brake.
     """
     limits, rests = motion.constraints.limits(campaign), first_segment_ends(motion.trajectory)
     if rests <= CAREFUL_S and rests == motion.trajectory.duration and speed == FULL:

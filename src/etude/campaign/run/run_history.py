@@ -38,8 +38,8 @@ def slowest(control: str) -> int:
 
 
 def next_step(events: Sequence[Event], control: str) -> SpeedStep:
-    """One step up after each motion that ended well, one down after each that was stopped, on its way too; a
-    whole motion at full speed is the last step.
+    """One step up after each motion that ended well, one down after each stopped motion or transfer. The last
+    step is a whole motion at full speed.
     """
     steps = [SpeedStep(speed, True) for speed in CAREFUL.get(control, CAREFUL[FEEDBACK])] + [
         SpeedStep(FULL, False)
@@ -55,8 +55,10 @@ def next_step(events: Sequence[Event], control: str) -> SpeedStep:
 
 
 def pending_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
-    """Of proposals that wait for their log: recordings of whole motions that ended well and were never told,
-    as where a run was killed in between, or a log was refused; not uneven ones, whose motions are run again.
+    """Recordings of open proposals that were not ingested, since a run was killed or a log was refused.
+
+    They are of whole motions that ended well. Those with late set-points are left out: their motions run
+    again.
     """
     events = campaign.events()
     waiting = {proposal.number for proposal in campaign.state().proposals}
@@ -96,8 +98,8 @@ def measured_errors(events: Sequence[Event], control: str) -> MeasuredErrors | N
 
 
 def measured_residuals(events: Sequence[Event], control: str) -> MeasuredErrors | None:
-    """The same of |command - predicted|, means over 0.1 s. Ways count too: they begin where friction holds
-    the robot anywhere in its band. None before a whole motion.
+    """As `measured_errors`, for |command - predicted|, means over 0.1 s. Transfers count too: at their start,
+    stiction holds the robot anywhere in its band. None before a whole motion.
     """
     whole = _largest([fact.residual for fact in _whole(events, control)])
     motions = [e.fact for e in events if isinstance(e.fact, MotionEnded)]

@@ -115,7 +115,7 @@ def margin_before_logs(campaign: Campaign, trajectory: Trajectory) -> Array:
 def _residual_bound(
     events: Sequence[Event], control: str, deviation: Array | None, drive: Array | None
 ) -> Array | None:
-    """(k,) None until recordings under the learned command tell what it leaves.
+    """(k,) bound of the residual; None before recordings under the learned command.
 
     drive: (k,) largest commands; None: unknown.
     """
