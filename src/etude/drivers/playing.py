@@ -60,7 +60,7 @@ class RecordedRows:
     def __init__(self, length: int, joints: int) -> None:
         self.n = 0
         self.has_qd = True
-        self.times = np.full((length, 2), np.nan)  # written once: the first touch of memory takes time
+        self.times = np.full((length, 2), np.nan)  # filled once, since the first access to memory takes time
         self.values = np.full((length, 4, joints), np.nan)
         self.extra: list[Mapping[str, float]] = []
 
@@ -70,7 +70,7 @@ class RecordedRows:
         return float(self.times[self.n - 1, 0]) if self.n else -np.inf
 
     def add(self, sample: Sample) -> None:
-        """A sample with `asked` and `at`."""
+        """Add a sample with `asked` and `at`."""
         if self.n == len(self.times):
             self.times = np.concatenate([self.times, np.empty_like(self.times)])
             self.values = np.concatenate([self.values, np.empty_like(self.values)])
@@ -127,12 +127,12 @@ def interrupts(interrupt: Interrupt) -> Iterator[None]:
         return
     names = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
-    def heard(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    def handle(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
         if interrupt.killed:
             raise KeyboardInterrupt
         interrupt(names[signal.Signals(number)], kill=bool(interrupt.why))
 
-    before = {number: signal.signal(number, heard) for number in names}
+    before = {number: signal.signal(number, handle) for number in names}
     try:
         yield
     finally:

@@ -11,20 +11,20 @@ from etude.drivers.within_limits import velocity_range
 from etude.types import Array, Mask
 
 ON_A_ROW = 1e-6
-"""Cycles: nearer to a row than that is on it."""
+"""Cycles: a time within this distance of a row is on the row."""
 PACE_CURVATURE = 60.0
 """1/s^2, of the pace of a path: from full speed to rest in 0.26 s where accelerations leave the room."""
 LANDED = 1e-4
-"""Of the pace."""
+"""Difference of pace that counts as none."""
 SHORTEST_STOP, LONGEST_STOP = 0.02, 1.0
 """s to rest; at most that from full speed, however gentle the motion's own accelerations are."""
 RAMP = 1 / 8
-"""Part of a braking in which its acceleration comes, and in which it goes."""
+"""Part of a braking in which its acceleration rises, and in which it falls."""
 CATCH_UP, CATCH_UP_IN, CATCH_UP_RAMP = 0.02, 0.25, 0.2
-"""Part of the speed by which a path that lags is faster at most; s in which it would catch up without that
+"""Largest extra speed of a path that lags, as a part of its speed; s in which it would catch up without that
 bound; 1/s by which this part grows."""
 EARLY = 1.5
-"""Periods that set-points in quick succession may go on together: cycles of ours are not exactly even."""
+"""Largest advance of set-points in quick succession, in periods, since cycles are not exactly even."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The clock loop of streams: a robot that takes a set-point in each cycle plays whole motions.
 
-In each cycle: the newest sample, what the supervisor says of it, the set-point of the coming cycle. However a
-motion ends, the robot comes to rest, is held by its driver, and what was recorded comes back.
+Each cycle takes the newest sample, the supervisor's reaction to it, and the set-point of the coming cycle. At
+every end of a motion the robot comes to rest, its driver holds it, and the recording is returned.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ from etude.drivers.within_limits import refusals
 from etude.types import Array
 
 LEAD = 0.1
-"""s that are recorded before the first set-point of the path."""
+"""s of recording before the first set-point of the path."""
 SETTLED, LONGEST_SETTLE = 0.1, 0.5
-"""s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
+"""s of recording after the last moving set-point: at least; at most, if the robot still moves."""
 RESTS = 2e-3
-"""rad/s or m/s: slower than that a joint rests."""
+"""rad/s or m/s: a slower joint rests."""
 LOST, PAUSED = 0.01, 0.05
-"""s without a set-point after which the path goes on from what the robot did meanwhile, be it that it held or
-that it went on; s after which what is recorded until full speed counts as held."""
+"""s without a set-point after which the path continues from the robot's own progress; s after which the rows
+until full speed count as held."""
 SLOWED = 0.9
-"""Of the pace: below that the robot did not go on."""
+"""Part of the pace below which the robot did not continue."""
 PRIORITY = 40
 """Of real-time threads: below those of the kernel for interrupts."""
 LOOKED = 0.05
-"""s between two looks of the watchdog at the loop."""
+"""s between two checks of the loop by the watchdog."""
 
 
 class Streamed:
@@ -71,7 +71,7 @@ class Streamed:
         self._run: _Run | None = None
 
     def about(self) -> About:
-        """Of the stream."""
+        """The description by the stream."""
         return self.stream.about()
 
     def __enter__(self) -> Self:
@@ -85,7 +85,7 @@ class Streamed:
         self.stream.__exit__(kind, error, trace)
 
     def where(self) -> Sample:
-        """Of now, with the last set-point where the robot does not say its own."""
+        """The present sample, with the last set-point if the robot does not report its own."""
         sample = own_arrays(self.stream.state())
         return sample if sample.asked is not None else replace(sample, asked=self._set_point)
 
@@ -94,7 +94,7 @@ class Streamed:
         return refusals(motion, self.about())
 
     def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
-        """Plays it; in the main thread, Ctrl-C and SIGTERM bring the robot to rest meanwhile."""
+        """Play a motion; in the main thread, Ctrl-C and SIGTERM bring the robot to rest."""
         about = self.about()
         why = self._refused(motion, control, about)
         run = self._run = _Run(self.stream, about, motion, watch)
@@ -102,7 +102,12 @@ class Streamed:
             self._run = None
             return run.recording(Ended.REFUSED, why)
         try:
-            with interrupts(run.interrupt), _no_collections(), _first(about), _watchdog(run, about):
+            with (
+                interrupts(run.interrupt),
+                _without_garbage_collection(),
+                _with_priority(about),
+                _watchdog(run, about),
+            ):
                 ended, reason = run.play(control)
         finally:
             self._run = None
@@ -110,7 +115,7 @@ class Streamed:
         return run.recording(ended, reason)
 
     def stop(self, kill: bool = False) -> None:
-        """From any thread or signal handler."""
+        """Stop the motion, from any thread or signal handler."""
         run = self._run
         if run is None or kill:
             self.stream.stop(kill)
@@ -145,7 +150,7 @@ class _Run:
         self._stopping: Stopping | None = None
         self._since = 0.0
         self._before = self._newest = Sample(np.nan, np.full(len(motion.joints), np.nan))
-        self._why = Ended.DONE, ""
+        self._outcome = Ended.DONE, ""
         self._fresh_at = 0.0
         self._moves = False
 
@@ -160,20 +165,18 @@ class _Run:
             while self._cycle():
                 pass
         except KeyboardInterrupt:
-            self._why = Ended.INTERRUPTED, "Ctrl-C"
-        except (
-            Exception,
-            SystemExit,
-        ) as error:  # of the driver, or of the supervisor: it may not end in motion
-            self._why = Ended.FAULT, f"{type(error).__name__}: {error}"
+            self._outcome = Ended.INTERRUPTED, "Ctrl-C"
+        # an error of the driver or of the supervisor must not leave the robot in motion
+        except (Exception, SystemExit) as error:
+            self._outcome = Ended.FAULT, f"{type(error).__name__}: {error}"
         try:
             self.stream.stop(self.interrupt.killed)
         except (Exception, SystemExit) as error:
             why = (
                 f"the driver's stop() failed ({type(error).__name__}: {error}): whether it rests is not known"
             )
-            self._why = Ended.FAULT, f"{self._why[1]}; {why}" if self._why[1] else why
-        return self._why
+            self._outcome = Ended.FAULT, f"{self._outcome[1]}; {why}" if self._outcome[1] else why
+        return self._outcome
 
     def recording(self, ended: Ended, reason: str) -> Recording:
         """The recording so far."""
@@ -187,12 +190,12 @@ class _Run:
         self.late += self.clock.late
         reaction = Reaction.GO
         if self.clock.fresh:
-            sample = self._filled(sample)
+            sample = self._completed(sample)
             self._before, self._newest = self._newest, sample
             if self.clock.forward:
                 self.rows.add(sample)
             reaction = self.watch(sample)
-        if self._over(sample, reaction):
+        if self._is_over(sample, reaction):
             return False
         self.point = self._next(reaction)
         self.stream.send(self.point.q, self.point.qd, self.point.qdd, self._effort())
@@ -206,16 +209,16 @@ class _Run:
         speed = float(np.linalg.norm(on_path.qd))
         return effort if speed == 0.0 else effort * (float(np.linalg.norm(self.point.qd)) / speed)
 
-    def _filled(self, sample: Sample) -> Sample:
+    def _completed(self, sample: Sample) -> Sample:
         copy = own_arrays(sample)
         asked = self.point.q if copy.asked is None else copy.asked
         return replace(copy, asked=asked, at=self.point.at, seen=self.clock.now)
 
-    def _over(self, sample: Sample, reaction: Reaction) -> bool:
+    def _is_over(self, sample: Sample, reaction: Reaction) -> bool:
         """Whether the motion is over; otherwise start a stop if there is a reason."""
         killed = self.interrupt.killed = self.interrupt.killed or reaction is Reaction.KILL
         if self.clock.fresh and sample.fault:
-            self._why = Ended.FAULT, f"{self.about.name} reports: {sample.fault}"
+            self._outcome = Ended.FAULT, f"{self.about.name} reports: {sample.fault}"
             return True
         why: tuple[Ended, str] | None = None
         if self.interrupt.why:
@@ -229,11 +232,11 @@ class _Run:
         elif reaction is Reaction.HOLD and not self.about.can_hold:
             why = Ended.STOPPED, f"{self.about.name} cannot hold"
         if why is not None and self._stopping is None:
-            self._why = why
+            self._outcome = why
             self._stopping, self._since = Stopping(self.point, self.limits), 0.0
-        return killed or self.lost or self._settled(sample)
+        return killed or self.lost or self._is_settled(sample)
 
-    def _settled(self, sample: Sample) -> bool:
+    def _is_settled(self, sample: Sample) -> bool:
         """Whether the robot rests, and the last moving set-point is long enough ago."""
         if self._stopping is not None:
             past = self._since - self._stopping.span
@@ -266,7 +269,7 @@ class _Run:
         """The next set-point on the path, at the present pace."""
         s = self.point.at
         if self.clock.fresh and self.clock.passed - self.period >= LOST:
-            s += self._gone_on(s)
+            s += self._progress(s)
         pace, before, speed = self._pace, self._pace.now, self._steps.speed
         if pace.steady and wait == (pace.end == 1.0):
             pace.end = 0.0 if wait else 1.0
@@ -278,30 +281,30 @@ class _Run:
         change = pace.change * speed + pace.now * self._steps.change
         return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now * speed, change)
 
-    def _gone_on(self, s: float) -> float:
-        """s by which the robot went on along the path while cycles were lost; its pace is the path's."""
+    def _progress(self, s: float) -> float:
+        """s of path that the robot covered during lost cycles; the path takes over its pace."""
         along = self.motion.qd[self.path.row(s)]
         size, passed, now = float(along @ along), self.clock.passed, self._newest
-        gone = float(along @ (now.q - self._before.q)) / max(size, 1e-12)
-        if not (size > 0.0 and np.isfinite(gone)):
+        progress = float(along @ (now.q - self._before.q)) / max(size, 1e-12)
+        if not (size > 0.0 and np.isfinite(progress)):
             return 0.0
-        measured = gone / passed if now.qd is None else float(along @ now.qd) / size
+        measured = progress / passed if now.qd is None else float(along @ now.qd) / size
         self._pace.now, self._pace.change = min(max(measured, 0.0), self._pace.now), 0.0
         holds = bool(self.held) and self.held[-1][1] == np.inf
         if passed - self.period >= PAUSED and self._pace.now < SLOWED and not holds:
             self.held.append((self.clock.robot - passed, np.inf))
-        gone = min(max(gone - self.period, 0.0), passed - self.period)
-        self._steps.lag -= gone
-        return gone
+        progress = min(max(progress - self.period, 0.0), passed - self.period)
+        self._steps.lag -= progress
+        return progress
 
 
 class _Clock:
-    """The robot's clock and ours. A robot whose `state` waits for its next sample is the pace; else we are.
+    """The clocks of the robot and of this computer. A robot whose `state` waits for a sample sets the pace.
 
     Attributes:
-        now: ours, s; of a virtual robot, cycles counted. robot: its own, s, estimated during silence.
-        passed, elapsed: s that the robot's and ours went on since the last cycle.
-        fresh: the sample is a new one; forward: and later.
+        now: this computer's, s; of a virtual robot, counted cycles. robot: its own, s; an estimate in silence.
+        passed, elapsed: s since the last cycle by the robot's clock, and by this computer's.
+        fresh: the sample is new. forward: it is new and later.
         silent: s since the last new sample. late: cycles missed before this one.
     """
 
@@ -313,17 +316,19 @@ class _Clock:
         self._blocks = False
         self._cycles = 0
         self._sampled = self._newest = -np.inf
-        self._due = self._heard = 0.0
+        self._due = self._last_heard = 0.0
 
     def start(self) -> None:
         """Start the clock just before the first cycle."""
         self.beat = time.monotonic()
-        self.now = self._due = self._heard = self.period if self.virtual else self.beat
+        self.now = self._due = self._last_heard = self.period if self.virtual else self.beat
 
     def wait(self, state: Callable[[], Sample]) -> Sample:
         """The sample of this cycle, when it is due."""
         before = self.now
-        if not self.virtual and not self._blocks and self._cycles >= 4:  # first: does it wait by itself?
+        if (
+            not self.virtual and not self._blocks and self._cycles >= 4
+        ):  # before, it shows whether it waits by itself
             self._due = max(self._due + self.period, self.now)
             time.sleep(max(self._due - time.monotonic(), 0.0))
         start = time.monotonic()
@@ -332,13 +337,13 @@ class _Clock:
         self._cycles += 1
         self.now = self.now + self.period if self.virtual else self.beat
         self._blocks = self._blocks or self.beat - start > 0.5 * self.period
-        self._tell(sample.t, self.now - before)
+        self._update(sample.t, self.now - before)
         return sample
 
-    def _tell(self, t: float, elapsed: float) -> None:
+    def _update(self, t: float, elapsed: float) -> None:
         first = self._newest == -np.inf
         expected = self.robot + elapsed
-        # a stamp that is far off is a glitch, or the supervisor's business: no path follows it, no row has it
+        # a stamp that is far off is a glitch or a case for the supervisor: neither path nor rows use it
         sound = first or abs(t - expected) <= self.believed
         self.fresh, self.forward = t != self._sampled, sound and t > self._newest
         between = t - self._newest if sound and (self.virtual or self._blocks) else elapsed
@@ -347,12 +352,12 @@ class _Clock:
         self.passed, self.elapsed = 0.0 if first else max(robot - self.robot, 0.0), elapsed
         self.robot, self._sampled = robot, t
         self._newest = max(self._newest, t) if sound else self._newest
-        self._heard = self.now if self.fresh else self._heard
-        self.silent = self.now - self._heard
+        self._last_heard = self.now if self.fresh else self._last_heard
+        self.silent = self.now - self._last_heard
 
 
 @contextlib.contextmanager
-def _no_collections() -> Iterator[None]:
+def _without_garbage_collection() -> Iterator[None]:
     """Postpone Python's garbage collection, which would delay cycles."""
     enabled = gc.isenabled()
     gc.disable()
@@ -364,9 +369,10 @@ def _no_collections() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _first(about: About) -> Iterator[None]:
-    """This thread, and the watchdog that it starts, come before all others of the computer, where that is
-    permitted: on a busy one nearly all cycles of 1 ms would be late.
+def _with_priority(about: About) -> Iterator[None]:
+    """Real-time priority of this thread and its watchdog, if permitted.
+
+    On a busy computer nearly all cycles of 1 ms would be late without it.
     """
     if about.virtual or sys.platform != "linux" or os.sched_getscheduler(0) != os.SCHED_OTHER:
         yield
@@ -393,7 +399,7 @@ def _watchdog(run: _Run, about: About) -> Iterator[None]:
         while not over.wait(LOOKED):
             if time.monotonic() - run.clock.beat > limit and not run.lost:
                 run.lost = True
-                with contextlib.suppress(Exception):  # the loop says so, when it comes back
+                with contextlib.suppress(Exception):  # the loop reports it when it returns
                     run.stream.stop()
 
     thread = threading.Thread(target=look, daemon=True)
