@@ -302,7 +302,7 @@ class _Clock:
     """The clocks of the robot and of this computer. A robot whose `state` waits for a sample sets the pace.
 
     Attributes:
-        now: this computer's, s; of a virtual robot, counted cycles. robot: its own, s; an estimate in silence.
+        now: this computer's, s; of a virtual robot, counted cycles. robot: its own, s, or an estimate.
         passed, elapsed: s since the last cycle by the robot's clock, and by this computer's.
         fresh: the sample is new. forward: it is new and later.
         silent: s since the last new sample. late: cycles missed before this one.

@@ -98,7 +98,7 @@ def parquet_table(path: Path) -> tuple[pl.DataFrame, Mapping[str, str]]:
 
 
 def _count_text(frame: pl.DataFrame, room: MemoryBudget) -> None:
-    """Text that repeats stands in the file once, and in memory too until it is looked at."""
+    """Count the memory of text. Repeated text needs memory only when it is read. DataError: no room."""
     import polars as pl
 
     for series in frame.iter_columns():
@@ -313,7 +313,7 @@ def without_panics_on_screen() -> Iterator[None]:
 
 
 def guarded(action: Callable[[], T], path: Path, format_: str) -> T:
-    """What `action` gives; whatever goes wrong in polars is a DataError with the reason's first line.
+    """The result of `action`; every error of polars becomes a DataError with the reason's first line.
 
     A panic in its Rust code is no `Exception`: it is known by its name, since its class is not public.
     """
@@ -492,8 +492,8 @@ def _numbers(series: pl.Series) -> Array:
 
 
 def _unnamed(series: pl.Series) -> Array | None:
-    """(T, n) of lists without names; None if they differ in length, which hides whose each entry is, hold no
-    numbers, or more than any robot has joints.
+    """(T, n) of lists without names; None: they differ in length, so that their entries are unknown, or
+    they hold no numbers, or more than any robot has joints.
     """
     even = rectangle(series)
     if even is not None:

@@ -126,7 +126,7 @@ RECORDED = (".yaml", ".db3", ".mcap", ".zstd")
 
 
 def sha256_of_log(path: Path) -> str:
-    """Of a file its own SHA-256; of a folder that of the names and hashes of the files recorded in it.
+    """SHA-256 of a file; of a folder, that of the names and hashes of the files recorded in it.
 
     Raises:
         DataError: there is no such log, or it may not be read.
@@ -147,7 +147,7 @@ def sha256_of_log(path: Path) -> str:
 
 
 def bytes_of_log(path: Path) -> int:
-    """Of a file its size; of a folder that of the files recorded in it."""
+    """Size of a file, or of the files recorded in a folder, in bytes."""
     return sum(one.stat().st_size for one in ([path] if path.is_file() else _recorded(path)))
 
 

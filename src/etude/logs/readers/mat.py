@@ -165,10 +165,10 @@ def variables(file: BinaryIO, room: MemoryBudget) -> dict[str, Variable]:
 
 @dataclass
 class Bytes:
-    """Bytes that are read in turn.
+    """A sequence of bytes that is read in order.
 
     Attributes:
-        source: gives at most so many of them. left: how many there are; None: until it ends.
+        source: returns at most so many bytes. left: remaining bytes; None: until the source ends.
         counted: whether they took their room already, as they were unpacked.
     """
 
@@ -177,7 +177,7 @@ class Bytes:
     counted: bool = False
 
     def read(self, size: int) -> bytes:
-        """Exactly so many. ValueError: there are not."""
+        """Exactly so many bytes. ValueError: there are fewer."""
         if self.left is not None and size > self.left:
             raise ValueError("an element is longer than what is left")
         data = self.source(size)
@@ -188,20 +188,20 @@ class Bytes:
         return data
 
     def head(self) -> bytes:
-        """The next 8; nothing where it ends before."""
+        """The next 8 bytes; empty if the data end before."""
         data = b"" if self.left is not None and self.left < 8 else self.source(8)
         if self.left is not None and len(data) == 8:
             self.left -= 8
         return data if len(data) == 8 else b""
 
     def short(self) -> bytes:
-        """All of it, which is a name or a few numbers. ValueError: it is not."""
+        """All remaining bytes of a name or of a few numbers. ValueError: there are too many."""
         if self.left is None or self.left > BLOCK:
             raise ValueError("a name or a size is too long")
         return self.read(self.left)
 
     def skip(self) -> None:
-        """Leaves what was not read."""
+        """Skip the bytes that were not read."""
         while self.left is None and self.source(BLOCK):
             pass
         while self.left:
@@ -209,7 +209,7 @@ class Bytes:
 
 
 class Inflated:
-    """What a part is once it is unpacked; counted as it comes."""
+    """The unpacked data of a part; its size is counted while it is read."""
 
     def __init__(self, packed: Bytes, room: MemoryBudget) -> None:
         self._packed, self._room = packed, room
@@ -379,7 +379,7 @@ class Hdf5:
         return self._numbers(item) if simple and item.ndim in (1, 2) and item.size else None
 
     def _numbers(self, dataset: Any) -> Array:
-        """(rows, columns)."""
+        """(rows, columns) numbers of a dataset."""
         if dataset.external or dataset.is_virtual:
             raise ValueError("the numbers of a variable are in another file")
         self.room.take(int(dataset.size) * np.dtype(np.float64).itemsize)

@@ -27,7 +27,7 @@ PIECE = 4
 
 @dataclass
 class MemoryBudget:
-    """What is left for one file.
+    """Remaining memory for one file.
 
     Attributes:
         path: of the file. left: bytes.
@@ -37,18 +37,18 @@ class MemoryBudget:
     left: int = field(default_factory=lambda: LARGEST)
 
     def require(self, size: int) -> None:
-        """DataError: there is no room for so much."""
+        """Check that so many bytes are left. DataError: there is no room for them."""
         if size > self.left:
             raise too_large(self.path)
 
     def take(self, size: int) -> None:
-        """Counts what is about to be unpacked. DataError: there is no room for it."""
+        """Count bytes before they are unpacked. DataError: there is no room for them."""
         self.require(size)
         self.left -= size
 
 
 def as_float(read: Callable[[int], bytes], count: int, number: np.dtype[Any]) -> Array:
-    """(count,) numbers of that type, as they are read block by block. ValueError: there are less."""
+    """(count,) numbers of that type, as they are read block by block. ValueError: there are fewer."""
     numbers, each = np.empty(count), BLOCK // number.itemsize
     for place in range(0, count, each):
         block = np.frombuffer(read(min(each, count - place) * number.itemsize), number)
@@ -72,7 +72,7 @@ def unpacked(unpacker: Unpacker, data: bytes, path: Path) -> bytes:
 
 
 def blocks_of(unpacker: Unpacker, data: bytes, path: Path) -> Iterator[bytes]:
-    """The same block by block: who only counts holds one."""
+    """The unpacked data block by block; counting them needs memory for one block only."""
     size, packed = 0, data
     while not unpacker.eof:
         part = unpacker.decompress(packed, BLOCK)
@@ -85,7 +85,7 @@ def blocks_of(unpacker: Unpacker, data: bytes, path: Path) -> Iterator[bytes]:
 
 
 def too_large(path: Path) -> DataError:
-    """What is said of such a file."""
+    """The error on a file that is too large."""
     return DataError(
         f"the file unpacks to more than {LARGEST / 2**30:.0f} GB",
         where=str(path),

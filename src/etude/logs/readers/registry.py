@@ -139,7 +139,7 @@ def _recognises(name: str, path: Path, head: bytes, broken: dict[str, str]) -> b
 
 
 def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Mapping[str, Log]:
-    """What the reader gives; a reader of another package may fail with anything."""
+    """The logs by the reader; a reader of another package may fail with any exception."""
     try:
         logs = reader(path, topics)
     except EtudeError:
@@ -236,7 +236,7 @@ WAS_CUT = "was cut"
 
 
 def cut_sentences(log: Log) -> tuple[str, ...]:
-    """Those that say that something is missing."""
+    """Sentences on missing data."""
     return tuple(sentence for sentence in log.repairs if WAS_CUT in sentence)
 
 
@@ -264,7 +264,7 @@ def _recorded(t: Array) -> float:
 
 
 def end_findings(log: Log) -> tuple[Finding, ...]:
-    """What is to be said of the end of a recording; nothing of one that nobody knows to be cut."""
+    """Findings on the end of a recording; none if no repair says that it was cut."""
     cut = cut_sentences(log)
     step = "Copy or record it again, if the rest is needed; what is left teaches as it is."
     return (Finding("end", "yellow", " ".join(cut), step),) if cut else ()
@@ -347,10 +347,10 @@ MOSTLY = 0.1
 
 
 def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]:
-    """At which of `times` nothing is known of a topic, and what is to be said of it.
+    """Times at which a topic is silent, and sentences on them.
 
-    A topic that is silent for long is left to interpolation: a command that is sent only while something is
-    asked for is no sensor that was cut off.
+    A topic that is silent for long is interpolated: a command that is sent only on demand is no sensor that
+    was cut off.
 
     Args:
         topic: its name.

@@ -80,7 +80,7 @@ class TopicRows:
     _columns: dict[str, list[float]] = field(default_factory=dict)
 
     def add(self, received: int, stamped: int, blocks: Iterable[Block]) -> None:
-        """One message. ValueError: a joint stands in it twice."""
+        """Add one message. ValueError: it has a joint twice."""
         row = len(self.received)
         self.received.append(received)
         self.stamped.append(stamped)
@@ -150,7 +150,7 @@ def _suffix(name: str) -> str:
 
 
 def _controller_state(message: Any) -> Iterator[Block]:
-    """What was measured and what was wanted; releases differ in the names of both."""
+    """Measured and desired values; releases differ in the names of both."""
     measured = _point(message, "feedback", "actual")
     desired = _point(message, "reference", "desired")
     for point, suffix in ((measured, ""), (desired, "_desired")):
@@ -200,7 +200,7 @@ def _of_type(described: Any) -> str:
 
 
 def unknown_type(topic: str, msgtype: str, where: str) -> DataError:
-    """The refusal of a topic whose messages nothing describes."""
+    """The error on a topic whose messages have no known definition."""
     return DataError(
         f"the message type {msgtype} of topic {topic} is not known",
         where=where,
@@ -210,7 +210,7 @@ def unknown_type(topic: str, msgtype: str, where: str) -> DataError:
 
 
 class Stores:
-    """What is known of message types: what the recording itself says of a topic, else ROS's own."""
+    """Type stores of messages: definitions in the recording, or else ROS's own."""
 
     def __init__(self, path: Path) -> None:
         self._typesys = needed("rosbags.typesys", READING, path)
@@ -221,7 +221,7 @@ class Stores:
         return self._all(connection)[0]
 
     def read(self, connection: Any, data: bytes) -> Any:
-        """A message of a topic, by the release of ROS that fits. Whatever rosbags raises: none does."""
+        """A message of a topic, by the first release of ROS that fits. Errors of rosbags: none fits."""
         stores = self._all(connection)
         for last, store in enumerate(stores, 1):
             try:
@@ -250,7 +250,7 @@ class Stores:
         return [store]
 
     def _of_ros(self, definitions: Mapping[str, str]) -> Any:
-        """ROS's own types and those that it is given."""
+        """A type store of ROS's own types and of additional ones."""
         store = self._typesys.get_typestore(self._typesys.Stores.LATEST)
         for name, text in definitions.items():
             if name not in store.fielddefs:
