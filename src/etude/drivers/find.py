@@ -38,7 +38,7 @@ def find_driver(
         UsageError: no such driver, one that cannot be loaded, a library that it needs is missing, or it is
             neither a Stream nor a Player.
     """
-    factory, address = _resolved(on)
+    factory, address = _resolve(on)
     try:
         driver = factory(tuple(joints), address, dict(settings or {}))
         if home is not None and isinstance(driver, SupportsPlacement):
@@ -59,11 +59,11 @@ def find_driver(
     raise UsageError(
         f"{on} made a {type(driver).__name__}, which is neither a Stream nor a Player",
         where=GROUP,
-        next_step=f"It lacks {_lacking(driver)}: docs/drivers.md has both.",
+        next_step=f"It lacks {_missing_members(driver)}: docs/drivers.md has both.",
     )
 
 
-def _resolved(on: str) -> tuple[Any, str]:
+def _resolve(on: str) -> tuple[Any, str]:
     """(factory, address) of a driver; neither is called."""
     name, _, argument = on.partition(":")
     if name in names(GROUP):
@@ -108,7 +108,7 @@ def _of_file(name: str, attribute: str) -> Any:
         ) from error
 
 
-def _lacking(driver: Any) -> str:
+def _missing_members(driver: Any) -> str:
     """Members of a Stream that the driver lacks."""
     members = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
     return ", ".join(name for name in members if not hasattr(driver, name)) or "nothing"

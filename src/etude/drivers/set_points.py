@@ -77,7 +77,7 @@ class PathInTime:
         s = min(max(s, 0.0), self.motion.duration)
         row = self.row(s)
         u = s - float(self.motion.t[row])
-        q, qd, qdd, effort = self._row(row) if u * self.rate <= ON_A_ROW else self._between(row, u)
+        q, qd, qdd, effort = self._row(row) if u * self.rate <= ON_A_ROW else self._interpolated(row, u)
         if pace != 1.0 or change != 0.0:
             qd, qdd = qd * pace, qdd * (pace * pace) + qd * change
         return SetPoint(q, qd, qdd, effort, s)
@@ -91,7 +91,7 @@ class PathInTime:
         effort = None if motion.effort is None else motion.effort[row]
         return motion.q[row], motion.qd[row], motion.qdd[row], effort
 
-    def _between(self, row: int, u: float) -> tuple[Array, Array, Array, Array | None]:
+    def _interpolated(self, row: int, u: float) -> tuple[Array, Array, Array, Array | None]:
         if row >= self.last:
             return self._row(self.last)
         motion, h = self.motion, float(self.motion.t[row + 1] - self.motion.t[row])

@@ -88,7 +88,7 @@ class Supervisor:
         self._clock = _ClockOffset()
         self._velocity = _Velocity(bounds.for_s)
         self._residual = _Mean(MEAN_OVER)
-        self._checks = self._made(bounds)
+        self._checks = self._make_checks(bounds)
 
     def watch(self, sample: Sample) -> Reaction:
         """What the robot has to do now. STOP for ever, once it is said."""
@@ -112,7 +112,7 @@ class Supervisor:
                 return check.sentence.format(name=name, value=value, bound=bound) + where
         return ""
 
-    def _made(self, bounds: Bounds) -> list[_Check]:
+    def _make_checks(self, bounds: Bounds) -> list[_Check]:
         hold, low, high = bounds.for_s, bounds.lower, bounds.upper
         checks = [
             _Check(lambda s: float(np.sum(~np.isfinite(s.q))), 0.0, "a position is no number", hold),

@@ -26,8 +26,8 @@ def refusals(motion: PlannedMotion, about: About) -> Sequence[str]:
         sentences.append(f"the rows of the motion are not {about.rate:g} Hz from 0")
     if motion.effort is not None and "learned" not in about.controls:
         sentences.append(f"{about.name} takes no effort beside set-points")
-    for quantity, values, lower, upper in _limited(motion, about):
-        sentences += _left(quantity, values, lower, upper, motion)
+    for quantity, values, lower, upper in _limited_quantities(motion, about):
+        sentences += _violations(quantity, values, lower, upper, motion)
     return sentences
 
 
@@ -38,7 +38,7 @@ def velocity_range(envelope: VelocityEnvelope, q: Array) -> tuple[Array, Array]:
     return -down, up
 
 
-def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:
+def _limited_quantities(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:
     """Limited quantities: name, values (n, J), lower and upper bound."""
     rows: list[tuple[str, Array, Array, Array]] = []
     low = np.full(len(about.joints), -np.inf) if about.lower is None else about.lower
@@ -58,7 +58,9 @@ def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, 
     return rows
 
 
-def _left(quantity: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion) -> Sequence[str]:
+def _violations(
+    quantity: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion
+) -> Sequence[str]:
     """A sentence on the joint that is furthest outside its limit; none if all are inside."""
     if not np.isfinite(values).all():
         return [f"the {quantity} of the motion is no number somewhere"]

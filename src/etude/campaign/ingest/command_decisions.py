@@ -82,7 +82,7 @@ def decided(
             finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in decision.logs)))
         is_repeated = any(step.finding == finding for step in steps)
         whole = len(indices) == len(decision.logs) and isinstance(finding, Mendable)
-        what = "open" if is_repeated else _what(decision, answer(finding), whole)
+        what = "open" if is_repeated else _outcome_of(decision, answer(finding), whole)
         steps.append(Step(what, finding, indices or frozenset(range(len(new)))))
         if what == "open":
             return steps, decision
@@ -115,7 +115,7 @@ def _changes(
     return steps
 
 
-def _what(decision: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
+def _outcome_of(decision: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
     """Outcome of a decision. whole: a repair corrects every log that the decision concerns."""
     if decision.level == "note":
         return "accept" if answer == "accept" else "note"

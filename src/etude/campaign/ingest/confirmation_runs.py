@@ -51,9 +51,9 @@ def take_run(
     )
     evidence = evidence_in(campaign, path)
     if evidence is None:
-        number, aligned = _confirming(campaign, log, numbers if number is None else [number])
+        number, aligned = _identify_motion(campaign, log, numbers if number is None else [number])
     else:
-        number, aligned = _sent(campaign, evidence, log, numbers, path)
+        number, aligned = _identify_recording(campaign, evidence, log, numbers, path)
     sent = Sent.of(campaign, number)
     confirmed = measured_run(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
@@ -65,7 +65,7 @@ def take_run(
     )
 
 
-def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:
+def _identify_motion(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:
     """The first of these motions that matches the log. DataError: none does."""
     refused: DataError | None = None
     for number in numbers:
@@ -77,7 +77,7 @@ def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[i
     raise refused
 
 
-def _sent(
+def _identify_recording(
     campaign: Campaign, evidence: Evidence, log: Log, numbers: Sequence[int], path: Path
 ) -> tuple[int, Log]:
     """The motion of a recording. DataError: it is none of these, or the recording is incomplete."""
@@ -93,7 +93,7 @@ def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> N
     if not numbers or campaign.kind.path not in log:
         return
     try:
-        number = _confirming(campaign, log, numbers)[0]
+        number = _identify_motion(campaign, log, numbers)[0]
     except DataError:
         return
     if state.rounds[number].weighs:
@@ -131,7 +131,7 @@ def measured_run(
         use = moving(trajectory, log.t, sent.trained)
         figures["moving"] = errors(log, path, trajectory, use)
         figures |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
-    shown = {name: _shown(values, units) for name, values in figures.items()}
+    shown = {name: _to_display_units(values, units) for name, values in figures.items()}
     return Confirmed(
         run=run,
         error=shown["error"],
@@ -157,7 +157,7 @@ class Sent:
         if proposal is None or proposal.trained_speeds is None:
             return None
         trained = proposal.trained_speeds
-        rows = read_table(_fed(campaign, number))[1]
+        rows = read_table(_sent_table(campaign, number))[1]
         return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
 
     def at(self, t: Array) -> Array:
@@ -165,7 +165,7 @@ class Sent:
         return np.stack([np.interp(t, self.t, column) for column in self.command.T], axis=1)
 
 
-def _fed(campaign: Campaign, number: int) -> bytes:
+def _sent_table(campaign: Campaign, number: int) -> bytes:
     """The table that was sent. UsageError: it is missing or was changed."""
     path = campaign.proposal(number) / FEEDFORWARD
     try:
@@ -174,7 +174,7 @@ def _fed(campaign: Campaign, number: int) -> bytes:
         raise UsageError(str(error), where=str(campaign.path), next_step=RESTORE) from None
 
 
-def _shown(values: Array, units: Sequence[str]) -> Figures:
+def _to_display_units(values: Array, units: Sequence[str]) -> Figures:
     """In degrees where the unit is rad; None for NaN."""
     scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
     return tuple(None if math.isnan(v) else v for v in scaled)

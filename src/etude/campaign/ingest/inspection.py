@@ -106,25 +106,25 @@ def inspect(
         UsageError: there is no such robot.
     """
     path = Path(path)
-    description = None if robot is None else _described(str(robot))
+    description = None if robot is None else _describe_robot(str(robot))
     try:
         with np.errstate(all="ignore"):
-            description = replace(description or _guessed(path, topics), log=path)
+            description = replace(description or _guess_robot(path, topics), log=path)
             log, stated = _read(path, description, topics)
             if degrees:
                 log = from_degrees(log, stated)
-            return _checked(log, description, stated)
+            return _inspect_log(log, description, stated)
     except EtudeError as error:
         return Inspected(None, (_refused("columns", error),))
 
 
 def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
     """The table [log.columns] that assigns the file's columns to channels. Errors as of `mapping_text`."""
-    channels = _described(robot).channels
+    channels = _describe_robot(robot).channels
     return mapping_text(list(read_raw(path, topics).values), channels, path.name)
 
 
-def _described(robot: str) -> _KnownRobot:
+def _describe_robot(robot: str) -> _KnownRobot:
     config, earlier, campaign = LogConfig(), {}, None
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
@@ -181,7 +181,7 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
     """Positions, velocities and commands of the joints with a position and a command among the headers; ()
     without such joints.
     """
-    positions, speeds = (_parts(headers, words_of(channel)) for channel in ROLES)
+    positions, speeds = (_possible_parts(headers, words_of(channel)) for channel in ROLES)
     unit, commands = _commanded(headers)
     commanded, fast = ({name for names in parts for name in names} for parts in (commands, speeds))
     names = tuple(dict.fromkeys(next((n for n in some if n in commanded), "") for some in positions))
@@ -199,23 +199,23 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
 def _commanded(headers: Sequence[str]) -> tuple[str, list[list[str]]]:
     """The unit whose words name most commands, and their joints."""
     vocabularies = {unit: (*synonyms, "command", "tau", "u", "cmd") for unit, synonyms in COMMANDS.items()}
-    joints = {unit: _parts(headers, synonyms) for unit, synonyms in vocabularies.items()}
+    joints = {unit: _possible_parts(headers, synonyms) for unit, synonyms in vocabularies.items()}
     unit = max(joints, key=lambda name: len(joints[name]))
     return unit, joints[unit]
 
 
-def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
+def _possible_parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
     """For each header that begins or ends with one of the words: its possible remainders, longest first."""
     remainders = []
     for header in [header for header in headers if not is_time(header)]:
         text = normal(split_suffix(split_unit(header)[0])[0])
         text = plain(text) or text
-        left = {part for word in words if (part := _left(text, word))}
+        left = {part for word in words if (part := _part_in_header(text, word))}
         remainders += [sorted(left, key=lambda part: (-len(part), part))] if left else []
     return remainders
 
 
-def _left(text: str, word: str) -> str:
+def _part_in_header(text: str, word: str) -> str:
     """ "elbow" of "elbow_position"; "joint_3" of "q3"; "" if the word is not at either end."""
     for prefix in ("", *(f"{p}_" for p in PREFIXES)):
         unprefixed = text.removeprefix(prefix)
@@ -228,7 +228,7 @@ def _left(text: str, word: str) -> str:
     return ""
 
 
-def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:
+def _guess_robot(path: Path, topics: Sequence[str]) -> _KnownRobot:
     channels, why = guessed_of(read_raw(path, topics))
     return _KnownRobot(channels, {}, USUAL_RATE, "q", why=why)
 
@@ -245,9 +245,9 @@ def _read(path: Path, robot: _KnownRobot, topics: Sequence[str]) -> tuple[Log, s
     return with_rest_reported(log), set()
 
 
-def _checked(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
-    health = [_columns(log, robot), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
-    health += _tried("columns", lambda: column_findings(log, robot.limits))
+def _inspect_log(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
+    health = [_columns(log, robot), *end_findings(log), *_run_check("clock", lambda: clock_findings(log))]
+    health += _run_check("columns", lambda: column_findings(log, robot.limits))
     inspected = _findings_of_tell(log, robot, stated)
     if robot.kind and not inspected.refused:  # tell repairs it, with a sentence below
         health = [replace(f, light="yellow") if f.light == "red" else f for f in health]
@@ -261,21 +261,21 @@ def _findings_of_tell(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspect
         rows = drop_spikes(order_rows(drop_unreadable(replace(log, repairs=()))))
     except EtudeError as error:
         return Inspected(None, (_refused("rows", error),))
-    findings += _tried("numbers", lambda: judge_numbers(rows, robot.limits))
+    findings += _run_check("numbers", lambda: judge_numbers(rows, robot.limits))
     rows = replace(mended(rows, findings), repairs=rows.repairs)  # the findings include the repairs
     motion = seen(rows, rows.channels[robot.path]) if robot.path in rows else None
     if not any(f.light == "red" for f in findings):
-        findings += _tried("motion", lambda: _motion(rows, robot, motion))
+        findings += _run_check("motion", lambda: _motion(rows, robot, motion))
     if any(f.light == "red" for f in findings):
         later = "Ranges and commands are checked when the motion is right."
         return Inspected(rows, (*findings, Finding("commands", "cannot tell", later)))
-    findings += _tried("commands", lambda: _commands(rows, robot, motion))
+    findings += _run_check("commands", lambda: _commands(rows, robot, motion))
     clean, ranges = _ranges(rows, robot, stated)
-    of_kind = _tried("robot", lambda: _kind_findings(clean, robot))
+    of_kind = _run_check("robot", lambda: _kind_findings(clean, robot))
     is_open = any(f.flag or f.light == "red" for f in findings)  # tell asks these first, and judges again
     findings += [*ranges, *(f for f in of_kind if not (is_open and f.flag))]
     if not is_recording(robot.log):  # a recording of a run names its proposal itself
-        findings += _tried("proposal", lambda: _proposal(clean, robot.campaign, robot.log))
+        findings += _run_check("proposal", lambda: _proposal(clean, robot.campaign, robot.log))
     return Inspected(rows, tuple(findings))
 
 
@@ -308,7 +308,7 @@ def _ranges(log: Log, robot: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[
     if not robot.channels:
         return log, ()
     if robot.kind is None:
-        return log, _tried("units", lambda: _units(log, stated))
+        return log, _run_check("units", lambda: _units(log, stated))
     try:
         clean = clean_log(log, robot.channels, robot.limits, stated, lambda log: log)
     except EtudeError as error:
@@ -350,7 +350,7 @@ def _proposal(log: Log, campaign: Campaign | None, path: Path) -> Sequence[Findi
     return (Finding("proposal", "green", f"The motion is that of proposal {number}{slower}."),)
 
 
-def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:
+def _run_check(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:
     """The findings of a check; an unexpected error in the check is also reported as a finding."""
     try:
         return tuple(action())

@@ -112,9 +112,9 @@ class LogQuestions:
             channels = self.kind.channels(self.spec)
             return judge_motion(log, self.kind.path, channels, expected.limits, expected.rate)
 
-        log = self._settled(log, lambda log: exact.judge_numbers(log, expected.limits))
-        log = self._settled(log, judge)
-        log = self._settled(log, lambda log: clock_by_file_of(self.kind, self.spec, log))
+        log = self._settle(log, lambda log: exact.judge_numbers(log, expected.limits))
+        log = self._settle(log, judge)
+        log = self._settle(log, lambda log: clock_by_file_of(self.kind, self.spec, log))
         velocities = [n for n, c in log.channels.items() if c.derivative_of == self.kind.path]
         check_consistency(log.without(*velocities))
         return log
@@ -126,17 +126,17 @@ class LogQuestions:
     def whole(self, log: Log) -> Log:
         """The same log after decisions on its commands. Exchanged ones would exceed each other's limits."""
         log = self.prepared(log)
-        for step in self._alone(log) if self.steps is None else self.steps(log):
-            log = self._stepped(log, step)
-        log = self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
+        for step in self._decide_alone(log) if self.steps is None else self.steps(log):
+            log = self._apply_step(log, step)
+        log = self._settle(log, lambda log: unit_findings(self.kind, self.spec, log))
         by_file = file_findings_of(self.kind, self.spec, log, self.earlier())
-        log = self._settled(log, lambda _: by_file)
+        log = self._settle(log, lambda _: by_file)
         return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
-    def _alone(self, log: Log) -> Sequence[Step]:
+    def _decide_alone(self, log: Log) -> Sequence[Step]:
         return decided([log], {}, self.answers.to, judging_body(self.kind, self.spec))[0]
 
-    def _stepped(self, log: Log, step: Step) -> Log:
+    def _apply_step(self, log: Log, step: Step) -> Log:
         """The log after one decision. DataError: the decision is an open question."""
         if step.what == "open":
             raise refusal([step.finding], log.source)
@@ -167,7 +167,7 @@ class LogQuestions:
             log = finding.cut(log)
         return log.repaired(*(f.sentence for f in findings if f not in idle))
 
-    def _settled(self, log: Log, check: Callable[[Log], Sequence[Finding]]) -> Log:
+    def _settle(self, log: Log, check: Callable[[Log], Sequence[Finding]]) -> Log:
         """Apply repairs one at a time, since one fault distorts the next check; then raise open questions."""
         tried: set[str] = set()
         while True:

@@ -121,7 +121,7 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     use = (t >= -REST_S) & (t <= last)
     for start, end in recording.held:
         use &= ~((recording.t >= start) & (recording.t <= end))
-    values: dict[str, Array] = {path: recording.q[:, order], **_beside(campaign.channels, recording)}
+    values: dict[str, Array] = {path: recording.q[:, order], **_extra_channels(campaign.channels, recording)}
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
     values |= {rate: recording.qd[:, order]} if recording.qd is not None and rate else {}
     values.setdefault(campaign.command.name, recording.command[:, order])
@@ -137,7 +137,7 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     )
 
 
-def _beside(channels: Sequence[Channel], recording: Recording) -> dict[str, Array]:
+def _extra_channels(channels: Sequence[Channel], recording: Recording) -> dict[str, Array]:
     """(n, parts) values of each channel that the robot records in addition to its joints, by log columns."""
     names = {c.name: [f"{c.name}_{part}" for part in c.parts] for c in channels}
     return {

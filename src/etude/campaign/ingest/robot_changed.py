@@ -83,13 +83,13 @@ def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> 
         model = stored_model(campaign, state.trained[-1].number)
         test = change_test(model, samples, body_of(campaign.kind, campaign.spec))
         few = len(state.newest.logs) < LEAST_LOGS
-        return None if few and not _enormous(test) else _finding(model, test, samples.t, duration(log))
+        return None if few and not _is_enormous(test) else _finding(model, test, samples.t, duration(log))
     # an input that this log lacks; training reports a damaged model
     except (KeyError, DataError, UsageError):
         return None
 
 
-def _enormous(test: ChangeTest) -> bool:
+def _is_enormous(test: ChangeTest) -> bool:
     return (
         float(test.evidence.max(initial=0.0)) > ENORMOUS
         and test.size is not None

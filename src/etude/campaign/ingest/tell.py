@@ -255,7 +255,7 @@ def take(
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     questions = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
-    log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, questions, how)
+    log, number, answers_it, speed = _align(campaign, state, path, number, evidence, questions, how)
     group = np.zeros(len(log), dtype=np.int64)  # a log without samples is refused
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     change, repeat = change_of_robot(campaign, state, log, samples), repeated(campaign, state, number, log)
@@ -280,7 +280,7 @@ def take(
     return IngestResult(number, False, not answers_it, log.repairs, (), findings=findings, start=start)
 
 
-def _aligned(
+def _align(
     campaign: Campaign,
     state: State,
     path: Path,
@@ -559,7 +559,7 @@ def _store_each(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -
     while left:
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
-            files[path] = _one(campaign, path, how, survey)
+            files[path] = _ingest_one(campaign, path, how, survey)
             lost = files[path].ingested is None
             say(f"{path.name}: {'refused' if lost else files[path].sentence}.")
             refused += [path] if lost else []
@@ -568,7 +568,7 @@ def _store_each(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -
     return [files[path] for path in dict.fromkeys(paths)]
 
 
-def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> IngestedFile:
+def _ingest_one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> IngestedFile:
     try:
         return IngestedFile(path, take(campaign, path, survey=survey, **how))
     except DataError as error:
@@ -586,12 +586,12 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
     for path in paths[:MOST_NEW]:
         with contextlib.suppress(DataError):  # the error is reported when the file is ingested
             if state.round_of_log(sha256_of_log(path)) is None:
-                logs |= _prepared(campaign, path, how, answers)
+                logs |= _prepare(campaign, path, how, answers)
     body = judging_body(campaign.kind, campaign.spec)
     return Survey(logs, ingested_logs(campaign, state), answers.to, body)
 
 
-def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
+def _prepare(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
     """The log in a file after repairs of its motion; {} if it is refused regardless of its commands."""
     logs: dict[Path, Log] = {}
 

@@ -177,7 +177,7 @@ def connected(
     about = player.about()
     with only_one(campaign, about):
         _nothing_open(campaign, about, resume, identity)
-        with _entered(player), held_on_signals(player):
+        with _open_player(player), held_on_signals(player):
             # some robots tell what they are set to carry only now
             about = player.about()
             waived = _nothing_open(campaign, about, resume, identity)
@@ -193,7 +193,7 @@ def _nothing_open(campaign: Campaign, about: About, resume: bool, identity: str)
 
 
 @contextlib.contextmanager
-def _entered(player: Player) -> Iterator[None]:
+def _open_player(player: Player) -> Iterator[None]:
     """`with player`. What the driver raises is the driver's fault, and hides no other error.
 
     Raises:
@@ -334,7 +334,7 @@ class _Loop:
         for number, path in pending_recordings(self.campaign):
             self._ingest(number, path)
         try:
-            motion = self._at_step(self._next_proposal())
+            motion = self._motion_at_step(self._next_proposal())
         except StopRuleReached as fired:
             return None, fired.fact
         pose = self.session.pose()
@@ -351,10 +351,12 @@ class _Loop:
         number = None if first is None else first.number
         most = self.options.rounds or MOST_ROUNDS
         while number is not None:
-            number, why = self._round(number, last=len(self.rounds) + 1 >= most)
+            number, why = self._run_round(number, last=len(self.rounds) + 1 >= most)
         self.say(f"{why[:1].upper()}{why[1:]}.")
-        confirmation = self._confirmed() if self.options.confirm else (None, "no motion was to confirm it")
-        promotion, reasons = self._promoted(*confirmation)
+        confirmation = (
+            self._run_confirmation() if self.options.confirm else (None, "no motion was to confirm it")
+        )
+        promotion, reasons = self._promote(*confirmation)
         return RunResult(
             tuple(self.rounds),
             why,
@@ -393,10 +395,10 @@ class _Loop:
         self.say("Held-out motion does not decide yet whether the model is better: another motion.")
         return ask(self.campaign, go_on=True, control=self._onward_control, say=self.say).number
 
-    def _round(self, number: int, last: bool) -> tuple[int | None, str]:
+    def _run_round(self, number: int, last: bool) -> tuple[int | None, str]:
         """Run one motion after its careful steps; the number of the next one, or None and the reason."""
         try:
-            result = self._whole(number, self._control_of(number))
+            result = self._run_whole(number, self._control_of(number))
         except RobotStopped:
             self._abandon(number)
             raise
@@ -405,19 +407,19 @@ class _Loop:
         onward = NextProposal(self.campaign, self._onward_control, beside=ours, say=self.say)
         changed = bool(self.campaign.state().awaiting_answer)
         try:
-            self._back(number, (lambda: None) if last or changed else onward.begin)
+            self._return_home(number, (lambda: None) if last or changed else onward.begin)
             if changed:
                 raise RobotChanged(self.campaign)
             if last:
                 learn(self.campaign, self.say)
                 return None, f"{len(self.rounds)} rounds are done"
-            return self._onward(onward), ""
+            return self._number_of_next(onward), ""
         except StopRuleReached as fired:
             return None, fired.fact
         finally:
             onward.end()
 
-    def _onward(self, proposal: NextProposal) -> int:
+    def _number_of_next(self, proposal: NextProposal) -> int:
         """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
         try:
             return proposal.number()
@@ -434,15 +436,15 @@ class _Loop:
         controls = asked_under(self.campaign.round(number).asked) or (FEEDBACK,)
         return LEARNED if LEARNED in controls and self._takes_learned else controls[0]
 
-    def _whole(self, number: int, control: str, model: LearnedModel | None = None) -> Result:
+    def _run_whole(self, number: int, control: str, model: LearnedModel | None = None) -> Result:
         """Run the whole motion at full speed, after the careful steps that its control still needs."""
         while True:
-            motion = self._at_step(number, control)
-            result = self._sent(self._with_command(motion, model))
+            motion = self._motion_at_step(number, control)
+            result = self._run_motion(self._with_command(motion, model))
             if not motion.first:
                 return result
 
-    def _at_step(self, number: int, control: str = "") -> CertifiedMotion:
+    def _motion_at_step(self, number: int, control: str = "") -> CertifiedMotion:
         """The motion at the speed allowed for its control so far; each speed has its own proof."""
         motion = proposal_motion(self.campaign, number, control or self._control_of(number))
         step = next_step(self.campaign.events(), motion.control)
@@ -456,7 +458,7 @@ class _Loop:
         learned = Learned.along(self.campaign, model, motion, self.session.about)
         return replace(motion, learned=learned)
 
-    def _sent(self, motion: CertifiedMotion) -> Result:
+    def _run_motion(self, motion: CertifiedMotion) -> Result:
         """Run the approach and the motion; a learned command fades in or out on the approach."""
         pose = self.session.pose()
         level = 1.0 if motion.learned is not None else 0.0
@@ -464,7 +466,7 @@ class _Loop:
         if approach is None and level != self.session.level:
             approach = holding(self.campaign, motion, pose)
         if approach is not None:
-            self.session.play(self._faded(approach, level))
+            self.session.play(self._fade_command(approach, level))
         what = "the beginning of motion" if motion.first else "motion"
         self.say(f"Running {what} {motion.number} at {motion.speed} %, under {motion.control}.")
         result = self.session.play(motion)
@@ -476,14 +478,14 @@ class _Loop:
             )
         return result
 
-    def _faded(self, transfer: CertifiedMotion, level: float) -> CertifiedMotion:
+    def _fade_command(self, transfer: CertifiedMotion, level: float) -> CertifiedMotion:
         """The motion with a learned command that fades from the present level to the next one."""
         if not level and not self.session.level:
             return transfer
         learned = self._with_command(replace(transfer, control=LEARNED))
         return replace(learned, fade=(self.session.level, level))
 
-    def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
+    def _return_home(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Return home while the next motion is computed."""
         motion = proposal_motion(self.campaign, number, self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
@@ -491,7 +493,7 @@ class _Loop:
         if back is None:
             meanwhile()
         else:
-            self.session.play(self._faded(back, self.session.level), meanwhile)
+            self.session.play(self._fade_command(back, self.session.level), meanwhile)
 
     def _ingest_round(self, number: int, result: Result) -> None:
         """Ingest the recording as the log of its proposal, and note its figures."""
@@ -531,7 +533,7 @@ class _Loop:
         shown = [math.degrees(e) if u == "rad" else e for e, u in zip(error.tolist(), units, strict=True)]
         return RoundRun(number, result.fact.control, tuple(shown), result.fact.worst_error)
 
-    def _confirmed(self) -> tuple[Mapping[str, Any] | None, str]:
+    def _run_confirmation(self) -> tuple[Mapping[str, Any] | None, str]:
         """Result of the confirmation motion; None with the reason if there is none."""
         if not self._takes_learned:
             return None, "the robot takes no learned command, so none was confirmed"
@@ -541,19 +543,19 @@ class _Loop:
         for name, control in zip(RUNS, (FEEDBACK, LEARNED), strict=True):
             if name in self.campaign.round(number).runs:
                 continue
-            result = self._whole(number, control, model)
+            result = self._run_whole(number, control, model)
             tell(self.campaign, result.path, number=number, confirm=name, say=self.say)
-        self._back(number)
+        self._return_home(number)
         return confirmed(self.campaign, self.campaign.round(number)), ""
 
-    def _promoted(
+    def _promote(
         self, confirmation: Mapping[str, Any] | None, why: str
     ) -> tuple[Promotion | None, tuple[str, ...]]:
         """Promote the newest model if it is better; otherwise sentences with the reason."""
         reasons = (f"{why[:1].upper()}{why[1:]}.",) if why else ()
         if not self.options.promote:
             return None, reasons
-        if confirmation is not None and (worse := _worse(confirmation)):
+        if confirmation is not None and (worse := _reason_against(confirmation)):
             return None, (*reasons, worse)
         return promote(self.campaign, say=self.say), reasons
 
@@ -566,7 +568,7 @@ def learn(campaign: Campaign, say: Say) -> None:
         learn_pending(campaign, say=say)
 
 
-def _worse(confirmation: Mapping[str, Any]) -> str:
+def _reason_against(confirmation: Mapping[str, Any]) -> str:
     """Reason not to promote a model: it made the confirmation motion worse. "": it did not."""
     without, with_model = (np.array(confirmation[name], dtype=float) for name in RUNS)
     if not np.nansum(with_model) > np.nansum(without):

@@ -247,7 +247,7 @@ def _no_approach(
     campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
 ) -> UnsafeTrajectoryError:
     """Error without an approach: the pose itself is not proved, or no path from it is."""
-    stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
+    stands = certify(_rest_at(pose), motion.constraints.limits(campaign)).ok
     fact = f"no approach to motion {motion.number} is proved" if stands else "where it stands is the fault"
     named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
     return UnsafeTrajectoryError(
@@ -258,7 +258,7 @@ def _no_approach(
     )
 
 
-def _still(pose: Array) -> Splined:
+def _rest_at(pose: Array) -> Splined:
     """Rest at a pose (k,) while a learned command fades in or out."""
     points = np.zeros((3, 2, len(pose)))
     points[0] = pose
@@ -280,7 +280,7 @@ def _transfer(
 
 def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
     """Rest at a pose (k,) while a learned command fades in or out."""
-    return _transfer(campaign, replace(motion, speed=FULL), "hold", _still(pose))
+    return _transfer(campaign, replace(motion, speed=FULL), "hold", _rest_at(pose))
 
 
 def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:

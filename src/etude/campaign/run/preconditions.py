@@ -52,7 +52,7 @@ def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str
     """
     return [
         *_unstated(about),
-        *_heard(about),
+        *_link(about),
         *_joints(campaign, about),
         *_unit(campaign, about),
         *_limits(campaign, about),
@@ -81,7 +81,7 @@ def _unstated(about: About) -> list[Open]:
     return [Open(f"The driver does not say {name} of {about.name}.", step) for name in names]
 
 
-def _heard(about: About) -> list[Open]:
+def _link(about: About) -> list[Open]:
     """Where a lost link would be noticed late, or where a late sample would be one."""
     least = FEWEST_SAMPLES / about.rate if about.rate > 0.0 else np.inf
     if least <= about.silence <= LONGEST_SILENCE:

@@ -153,13 +153,13 @@ class RobotSession:
             self.campaign.commit(sent, motion.number)
         self.tell("motion_sent", {"number": motion.number, "duration": planned.duration, **vars(fact)})
         meanwhile()
-        result = self._ended(motion, fact, *self._played(motion, planned))
+        result = self._store_end(motion, fact, *self._play_recorded(motion, planned))
         self.level = motion.fade[1] if motion.learned is not None else 0.0
         self._require_done(motion, result)
         return result
 
-    def _played(self, motion: CertifiedMotion, planned: PlannedMotion) -> tuple[Recording, Supervisor]:
-        bounds = _ordered(motion.bounds(self.campaign, self.about), self.about, self.campaign)
+    def _play_recorded(self, motion: CertifiedMotion, planned: PlannedMotion) -> tuple[Recording, Supervisor]:
+        bounds = _in_driver_order(motion.bounds(self.campaign, self.about), self.about, self.campaign)
         predicted = motion.predicted(planned.t)
         predicted = None if predicted is None else predicted[:, np.argsort(self.columns)]
         supervisor = Supervisor(bounds, self.about, planned, predicted)
@@ -176,7 +176,7 @@ class RobotSession:
             recording = replace(recording, reason=supervisor.reason)
         return recording, supervisor
 
-    def _ended(
+    def _store_end(
         self,
         motion: CertifiedMotion,
         fact: RobotMotion,
@@ -320,7 +320,7 @@ class _Watching:
         return reaction
 
 
-def _ordered(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
+def _in_driver_order(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
     """The bounds in the driver's order of joints."""
     order = np.array([campaign.axes.index(joint) for joint in about.joints])
     arrays = {name: value[order] for name, value in vars(bounds).items() if isinstance(value, np.ndarray)}
@@ -410,11 +410,13 @@ def free_path(folder: Path, stem: str) -> Path:
 def only_one(campaign: Campaign, about: About) -> Iterator[None]:
     """Of a campaign, and of a robot that is real, only one run at a time. UsageError: there is another."""
     with contextlib.ExitStack() as held:
-        held.enter_context(_locked(campaign.path / ".run.lock", "another etude run works in this campaign"))
+        held.enter_context(
+            _lock_file(campaign.path / ".run.lock", "another etude run works in this campaign")
+        )
         if about.real:
             named = hashlib.sha256(about.identity.encode()).hexdigest()[:16]
             place = _runtime_folder() / f"robot-{named}.lock"
-            held.enter_context(_locked(place, f"another etude run moves this robot, {about.identity}"))
+            held.enter_context(_lock_file(place, f"another etude run moves this robot, {about.identity}"))
         yield
 
 
@@ -427,7 +429,7 @@ def _runtime_folder() -> Path:
 
 
 @contextlib.contextmanager
-def _locked(path: Path, fact: str) -> Iterator[None]:
+def _lock_file(path: Path, fact: str) -> Iterator[None]:
     import fcntl
 
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)

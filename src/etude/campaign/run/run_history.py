@@ -94,14 +94,14 @@ class MeasuredErrors:
 
 def measured_errors(events: Sequence[Event], control: str) -> MeasuredErrors | None:
     """Largest |measured - asked| over time; None before a recording of a whole motion under that control."""
-    return _largest([fact.worst_error for fact in _whole(events, control)])
+    return _largest([fact.worst_error for fact in _whole_motions(events, control)])
 
 
 def measured_residuals(events: Sequence[Event], control: str) -> MeasuredErrors | None:
     """As `measured_errors`, for |command - predicted|, means over 0.1 s. Transfers count too: at their start,
     stiction holds the robot anywhere in its band. None before a whole motion.
     """
-    whole = _largest([fact.residual for fact in _whole(events, control)])
+    whole = _largest([fact.residual for fact in _whole_motions(events, control)])
     motions = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
     done = [f.residual for f in motions if f.control == control and f.ended == Ended.DONE.value]
     every = _largest(done)
@@ -120,7 +120,7 @@ def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
     return [fact for fact in motions if fact.part == "motion" and fact.control == control]
 
 
-def _whole(events: Sequence[Event], control: str) -> list[MotionEnded]:
+def _whole_motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
     """Those at full speed that ended well: a beginning sags less than poses that come later."""
     return [fact for fact in _motions(events, control) if _is_whole(fact)]
 

@@ -116,11 +116,11 @@ class _Vocabulary:
         """Meanings of a header without its unit: the part that it names, else its number, else those of its
         bare name.
         """
-        rests = _rests(normal(text))
+        rests = _header_variants(normal(text))
         hit = next((self.named[candidate] for candidate in rests if candidate in self.named), None)
         if hit:
             return (Claim("named", *hit),)
-        number = _number(rests, self.channel_of)
+        number = _numbered_part(rests, self.channel_of)
         if number:
             return (Claim("numbered", *number),)
         return tuple(Claim("bare", *meaning) for meaning in self.bare.get(rests[0], ()))
@@ -168,7 +168,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
     channel is whole with it: such a column is no reason to refuse what is whole without it.
     """
-    vocabulary = _Vocabulary(_named(channels), _channels_by_word(channels), _bare(channels))
+    vocabulary = _Vocabulary(_part_headers(channels), _channels_by_word(channels), _bare_names(channels))
     described = {channel.name: channel for channel in channels}
     duplicates, meanings, left = doubles(headers), Found(), []
     written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
@@ -232,7 +232,7 @@ def column_names(channel: Channel) -> list[str]:
     return [f"{channel.name}_{part}" if part else channel.name for part in channel.parts]
 
 
-def _rests(text: str) -> list[str]:
+def _header_variants(text: str) -> list[str]:
     rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
     named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
     return [*rests, *(candidate for candidate in (named, plain(text)) if candidate)]
@@ -253,13 +253,13 @@ def _channels_by_word(channels: Sequence[Channel]) -> dict[str, str]:
     return {**{w: c.name for c in reversed(channels) for w in words_of(c)}, **names}
 
 
-def _named(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
+def _part_headers(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
     """Every normalised header that names a part -> (channel, part, rank of the word); own names first."""
     named: dict[str, tuple[str, str, int]] = {}
     ranked = [(rank, word, c) for c in channels for rank, word in enumerate(words_of(c))]
     for rank, word, channel in sorted(ranked, key=lambda row: row[0] > 0):
         for alias, part in _aliases(channel).items():
-            for text in _around(word, alias) if alias else [word]:
+            for text in _word_placements(word, alias) if alias else [word]:
                 named.setdefault(text, (channel.name, part, rank))
             if set(channel.parts) <= LETTERS:
                 named.setdefault(f"{word}{alias}", (channel.name, part, rank))
@@ -268,7 +268,7 @@ def _named(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
     return named
 
 
-def _around(word: str, alias: str) -> list[str]:
+def _word_placements(word: str, alias: str) -> list[str]:
     """A word before a part, after it, and around it: `q_des_elbow`, `elbow_q_des`, `q_elbow_des`."""
     tokens = word.split("_")
     within = ["_".join([*tokens[:i], alias, *tokens[i:]]) for i in range(1, len(tokens))]
@@ -288,7 +288,7 @@ def part_names(channel: Channel) -> list[str]:
     return sorted(_aliases(channel), key=len, reverse=True)
 
 
-def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]:
+def _bare_names(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]:
     """A part's bare name -> (channel, part) that it may mean: `roll`, `front_right`; never a joint's."""
     commands = [c for c in channels if c.role in ("command", "aside") and not c.acts_on]
     bare: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -300,7 +300,7 @@ def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]
     return bare
 
 
-def _number(rests: list[str], channel_of: dict[str, str]) -> tuple[str, str] | None:
+def _numbered_part(rests: list[str], channel_of: dict[str, str]) -> tuple[str, str] | None:
     """(channel, number) of a normalised header such as `q_3`; None if it is none."""
     for text in rests:
         for pattern in NUMBERED:
@@ -319,10 +319,10 @@ def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | No
         return None
     for unit in COMMANDS:
         other = replace(channel, units=(unit,) * len(channel.parts))
-        named, channel_of = _named([other]), _channels_by_word([other])
+        named, channel_of = _part_headers([other]), _channels_by_word([other])
         for header in headers:
-            rests = _rests(normal(split_unit(header)[0]))
-            if any(text in named for text in rests) or _number(rests, channel_of):
+            rests = _header_variants(normal(split_unit(header)[0]))
+            if any(text in named for text in rests) or _numbered_part(rests, channel_of):
                 return header, unit
     return None
 

@@ -50,10 +50,10 @@ def mapped(raw: Log, config: LogConfig) -> Log:
         DataError: another header of the mapping is not in the file, or the file has no header and the
             mapping names none of its columns.
     """
-    return _timed(_renamed(raw, config), config.rate)
+    return _with_times(_rename(raw, config), config.rate)
 
 
-def _timed(raw: Log, rate: float) -> Log:
+def _with_times(raw: Log, rate: float) -> Log:
     """The log with times of equally spaced rows, if it has none and the config states a rate."""
     counted = np.arange(len(raw))
     if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
@@ -62,15 +62,15 @@ def _timed(raw: Log, rate: float) -> Log:
     return replace(raw, t=counted / rate).repaired(sentence)
 
 
-def _renamed(raw: Log, config: LogConfig) -> Log:
+def _rename(raw: Log, config: LogConfig) -> Log:
     left = {name: values for name, values in raw.values.items() if name not in config.ignored}
     named = _sources(config.columns, left)
     _check_unique(named, raw.source)
     used = {to: source for to, source in named.items() if source.header in left}
     if not used:
         _check_header(raw)
-        if all(_has(left, to) for to in named):
-            return _with(raw, left).repaired(*([AS_NAMED] if named else []))
+        if all(_has_column(left, to) for to in named):
+            return _with_columns(raw, left).repaired(*([AS_NAMED] if named else []))
     missing = [source.header for source in named.values() if source.header not in left]
     if missing:
         near = difflib.get_close_matches(missing[0], list(left), 1)
@@ -85,7 +85,7 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
     taken = {source.header for source in used.values()}
     unnamed = {name: values for name, values in left.items() if name not in taken and name not in read}
     pairs = ", ".join(f"{source.term} as {to}" for to, source in used.items())
-    return _with(raw, {**read, **unnamed}).repaired(f"By [log.columns], {pairs} were read.")
+    return _with_columns(raw, {**read, **unnamed}).repaired(f"By [log.columns], {pairs} were read.")
 
 
 def _check_unique(named: Mapping[str, _Source], where: str) -> None:
@@ -104,7 +104,7 @@ def _check_unique(named: Mapping[str, _Source], where: str) -> None:
 AS_NAMED = "The log has none of the headers of [log.columns], and was read by its own."
 
 
-def _has(headers: Collection[str], to: str) -> bool:
+def _has_column(headers: Collection[str], to: str) -> bool:
     """Whether a file has a column that is named as a column is to be read, in any unit."""
     if is_time(to):
         return any(is_time(header) for header in headers)
@@ -223,6 +223,6 @@ def _with_unit(to: str, source: _Source) -> str:
     return f"{to} [{unit}]" if keeps_unit else to
 
 
-def _with(raw: Log, values: Mapping[str, object]) -> Log:
+def _with_columns(raw: Log, values: Mapping[str, object]) -> Log:
     channels = {name: Channel(name, ("",), ("",), "aside") for name in values}
     return replace(raw, channels=channels, values=dict(values))  # type: ignore[arg-type]

@@ -57,7 +57,7 @@ def match_columns(
     matched: dict[str, tuple[Column, ...]] = {}
     repairs: list[str] = []
     for channel in sorted(channels, key=lambda c: not c.required):
-        columns = _of_channel(channel, _preferring(meanings, channel, mapped), repairs, where)
+        columns = _of_channel(channel, _prefer_mapped(meanings, channel, mapped), repairs, where)
         if columns is not None:
             matched[channel.name] = columns
     used = {column.name for columns in matched.values() for column in columns}
@@ -69,7 +69,7 @@ def match_columns(
     return Matching(matched, ignored, tuple(repairs), families)
 
 
-def _preferring(meanings: Found, channel: Channel, mapped: Collection[str]) -> Found:
+def _prefer_mapped(meanings: Found, channel: Channel, mapped: Collection[str]) -> Found:
     """The columns, in which parts named by [log.columns] have no other candidates."""
     if not mapped:
         return meanings
@@ -112,7 +112,7 @@ def _of_channel(
     if channel.name in SENSORS or channel.role == "plan":
         by_part = _first_spelling(by_part, channel)
     numbered = meanings.numbered.get(channel.name, {})
-    if numbered and not by_part and _worth(channel, numbered):
+    if numbered and not by_part and _uses_numbers(channel, numbered):
         by_part = _by_number(channel, numbered, repairs, where)
     missing = [part for part in channel.parts if part not in by_part]
     if not missing:
@@ -143,7 +143,7 @@ def _first_spelling(by_part: dict[str, list[Column]], channel: Channel) -> dict[
     return by_part
 
 
-def _worth(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
+def _uses_numbers(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
     """Whether numbered columns are used or refused; those of optional channels may be ignored."""
     needed = channel.required or (channel.role == "state" and channel.name not in SENSORS)
     return needed or len(numbered) == len(channel.parts)

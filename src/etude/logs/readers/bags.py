@@ -61,7 +61,7 @@ def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
             files = [path]
         else:
             bare = _storages(path) if path.is_dir() else [path]
-            mended = [_mended(_unpacked(one, folder), folder) for one in bare]
+            mended = [_mended_copy(_unpacked(one, folder), folder) for one in bare]
             files = [one for one, _ in mended]
             repairs = (CUT,) if any(cut for _, cut in mended) else ()
         for one in files:
@@ -141,7 +141,7 @@ def mend(path: Path, target: Path, unzstd: Callable[[bytes], bytes]) -> None:
         while left > 0 and (block := file.read(min(left, BLOCK))):
             out.write(block)
             left -= len(block)
-        out.write(_whole(_torn_chunk(file.read(), unzstd)))
+        out.write(_complete_records(_torn_chunk(file.read(), unzstd)))
         out.write(FOOTER)
 
 
@@ -177,7 +177,7 @@ def _torn_chunk(torn: bytes, unzstd: Callable[[bytes], bytes]) -> bytes:
     return records if packing == b"" else b""
 
 
-def _whole(records: bytes) -> bytes:
+def _complete_records(records: bytes) -> bytes:
     """The complete records at the beginning of the data."""
     place = 0
     while place + HEAD <= len(records):
@@ -210,16 +210,16 @@ def _is_cut(path: Path) -> bool:
     return path.suffix == ".mcap" and is_cut(path)
 
 
-def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
+def _mended_copy(path: Path, folder: Path) -> tuple[Path, bool]:
     """An MCAP that lacks its end with one; and whether it did."""
     if not _is_cut(path):
         return path, False
     target = folder / f"mended-{path.name}"
-    mend(path, target, lambda torn: _started(torn, path))
+    mend(path, target, lambda torn: _decompress_beginning(torn, path))
     return target, True
 
 
-def _started(torn: bytes, path: Path) -> bytes:
+def _decompress_beginning(torn: bytes, path: Path) -> bytes:
     """The data that can be decompressed from a torn beginning; empty if there are none."""
     try:
         most = min(LARGEST_RATIO * len(torn), LARGEST // PIECE)
@@ -277,12 +277,12 @@ class BagReader:
                 names = _requested(listed, topics, path) or _with_joints(
                     readers, stores, listed, path, repairs
                 )
-                selected, cut = _read(readers, stores, names, path, bool(topics))
+                selected, cut = _read_topics(readers, stores, names, path, bool(topics))
         except EtudeError:
             raise
         except Exception as problem:  # the libraries below fail with anything
             raise _unreadable(path, problem) from problem
-        chosen, sentences = (list(selected), ()) if topics else _chosen(selected, listed, path)
+        chosen, sentences = (list(selected), ()) if topics else _choose_topics(selected, listed, path)
         return _logs(chosen, path.name, (*repairs, *cut, *sentences))
 
     def recognises(self, path: Path, head: bytes) -> bool:
@@ -330,7 +330,7 @@ def _list(listed: Mapping[str, str]) -> str:
     return (", ".join(names[:LISTED]) or "none") + more
 
 
-def _read(
+def _read_topics(
     readers: Sequence[Any], stores: Stores, requested: Sequence[str], path: Path, is_named: bool
 ) -> tuple[list[Topic], tuple[str, ...]]:
     """The requested topics, as far as the storages can be read, and a sentence for what is left out.
@@ -397,7 +397,7 @@ def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Sto
         ) from None
 
 
-def _chosen(
+def _choose_topics(
     candidates: Sequence[Topic], listed: Mapping[str, str], path: Path
 ) -> tuple[list[Topic], tuple[str, ...]]:
     """One topic for each signal of the joints: the simplest type first, others for signals that it lacks.

@@ -215,10 +215,10 @@ def header_of(block: bytes, where: str) -> Header:
         sentence = "There is no header; the columns are those of `ros2 topic echo --csv`."
         return Header(tuple(echoed), separator, 0, (sentence,))
     if all(is_number(cell) for cell in first):
-        return _commented(lines, plain[0], separator, where)
-    header = _above(plain, where) or Header(tuple(first), separator, plain[0].end)
+        return _header_in_comment(lines, plain[0], separator, where)
+    header = _header_after_preamble(plain, where) or Header(tuple(first), separator, plain[0].end)
     rows = [line for line in plain if line.end > header.end]
-    header = _named(_second(header, rows, where))
+    header = _with_all_names(_with_second_row(header, rows, where))
     _check(header, [line for line in rows if line.end > header.end], where)
     return header
 
@@ -254,7 +254,7 @@ def _unquoted(cell: str) -> str:
     return cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
 
 
-def _commented(lines: Sequence[_TextLine], first: _TextLine, separator: str, where: str) -> Header:
+def _header_in_comment(lines: Sequence[_TextLine], first: _TextLine, separator: str, where: str) -> Header:
     """The header of rows above which it stands as a comment, as `numpy.savetxt` writes it; numbers where
     there is none, which mean nothing until [log.columns] says what.
     """
@@ -269,7 +269,7 @@ def _commented(lines: Sequence[_TextLine], first: _TextLine, separator: str, whe
     return header
 
 
-def _above(plain: Sequence[_TextLine], where: str) -> Header | None:
+def _header_after_preamble(plain: Sequence[_TextLine], where: str) -> Header | None:
     """The header below lines of another kind: a title, settings of the recorder; None if none is found.
 
     It is the first line of names with as many cells as the line of numbers below it.
@@ -292,7 +292,7 @@ def _is_names(line: str, separator: str, width: int, where: str) -> bool:
     return len(cells) == width and not any(map(is_number, cells))
 
 
-def _second(header: Header, rows: Sequence[_TextLine], where: str) -> Header:
+def _with_second_row(header: Header, rows: Sequence[_TextLine], where: str) -> Header:
     """The header with the row below it, if that holds units, or tells apart names that stand twice."""
     cells = _cells(rows[0].text, header.separator, where) if rows else []
     if len(cells) != len(header.names) or not any(cells) or any(is_number(cell) for cell in cells):
@@ -312,7 +312,7 @@ def _second(header: Header, rows: Sequence[_TextLine], where: str) -> Header:
     return replace(header, names=tuple(names), end=rows[0].end, repairs=(*header.repairs, sentence))
 
 
-def _named(header: Header) -> Header:
+def _with_all_names(header: Header) -> Header:
     """The header with a name for columns that have none: an index, or separators at the end of lines."""
     names = tuple(name or f"{NAMELESS} {k}" for k, name in enumerate(header.names, 1))
     return replace(header, names=names)
@@ -353,13 +353,13 @@ def csv_log(path: Path) -> Log:
     remaining = iter(blocks)
     first = next((block for block in remaining if block.strip()), b"")
     if not first:
-        raise DataError(_nothing(path), where=str(path), next_step=AGAIN)
-    form, body, repairs = _form(first, path)
+        raise DataError(_reason_without_rows(path), where=str(path), next_step=AGAIN)
+    form, body, repairs = _detect_form(first, path)
     log = _read(chain([body], remaining), form, path)
-    return log.repaired(*repairs, *_end(blocks.unended, form))
+    return log.repaired(*repairs, *_end_sentences(blocks.unended, form))
 
 
-def _end(line: bytes, form: _Form) -> tuple[str, ...]:
+def _end_sentences(line: bytes, form: _Form) -> tuple[str, ...]:
     """A sentence on a last line without an end; none if it is blank."""
     if not line.strip():
         return ()
@@ -368,14 +368,14 @@ def _end(line: bytes, form: _Form) -> tuple[str, ...]:
     return ("The last line has no end (a cut file?) and was dropped.",)
 
 
-def _nothing(path: Path) -> str:
+def _reason_without_rows(path: Path) -> str:
     """Reason why there is no complete line."""
     with path.open("rb") as file:
         blank = not file.read(2**16).strip()
     return "the log file is blank" if blank else "the log file has no complete line"
 
 
-def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
+def _detect_form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
     """How the table is written, by its first block; that block without the header; what was done."""
     header = header_of(first, str(path))
     body = first[header.end :].lstrip(b"\n")
@@ -408,7 +408,7 @@ def _read(blocks: Iterator[bytes], form: _Form, path: Path) -> Log:
         return raw_log(_all_numbers(blocks, form, path), path.name)
     import polars as pl
 
-    frames = [_mixed(block, form, path) for block in blocks if block.strip()]
+    frames = [_mixed_columns(block, form, path) for block in blocks if block.strip()]
     return frame_log(pl.concat(frames) if frames else _text_frame(b"", form, path), path)
 
 
@@ -423,14 +423,14 @@ def _all_numbers(blocks: Iterator[bytes], form: _Form, path: Path) -> dict[str, 
         if end > len(columns[0]):
             # rows of the whole file, by this block's, and a tenth more since numbers differ in length
             expected = int(1.1 * len(numbers[0]) * path.stat().st_size / len(block))
-            columns = [_longer(column, rows, max(expected, 2 * end)) for column in columns]
+            columns = [_extended(column, rows, max(expected, 2 * end)) for column in columns]
         for column, values in zip(columns, numbers, strict=True):
             column[rows:end] = values
         rows = end
     return {name: column[:rows] for name, column in zip(form.names, columns, strict=True)}
 
 
-def _longer(column: Array, rows: int, length: int) -> Array:
+def _extended(column: Array, rows: int, length: int) -> Array:
     out = np.empty(length)
     out[:rows] = column[:rows]
     return out
@@ -447,7 +447,7 @@ def _numeric_columns(block: bytes, form: _Form, path: Path) -> list[Array]:
     return [series.to_numpy() for series in frame.iter_columns()]
 
 
-def _mixed(block: bytes, form: _Form, path: Path) -> pl.DataFrame:
+def _mixed_columns(block: bytes, form: _Form, path: Path) -> pl.DataFrame:
     """A block whose columns of text stay text."""
     import polars as pl
 

@@ -63,7 +63,7 @@ def frame_log(frame: pl.DataFrame, path: Path, repairs: tuple[str, ...] = ()) ->
     Raises:
         DataError: a joint's name stands twice in a row.
     """
-    columns = {s.name: s for s in guarded(partial(_flat, frame), path, "a table").iter_columns()}
+    columns = {s.name: s for s in guarded(partial(_flatten, frame), path, "a table").iter_columns()}
     named, used, sentences = guarded(lambda: named_columns(columns, str(path)), path, "a table")
     del frame
     # a column leaves the table as it becomes numbers: both at once would take twice the room
@@ -335,7 +335,7 @@ def guarded(action: Callable[[], T], path: Path, format_: str) -> T:
     ) from None
 
 
-def _flat(frame: pl.DataFrame) -> pl.DataFrame:
+def _flatten(frame: pl.DataFrame) -> pl.DataFrame:
     """The table with the fields of its structs as columns, `state.position`."""
     import polars as pl
 
@@ -383,7 +383,7 @@ def named_columns(
     joint_columns: dict[str, Array] = {}
     used: set[str] = set()
     sentences: list[str] = []
-    for arrays in (*_lists(columns), *_numbered(columns)):
+    for arrays in (*_list_arrays(columns), *_numbered_arrays(columns)):
         if arrays.names is None:
             joint_columns |= _entries(arrays.values)
             sentences += _list_sentences(arrays)
@@ -441,7 +441,7 @@ def _picked(values: Array, at: Any) -> Array:
     return np.asarray(np.where(inside, picked, np.nan))
 
 
-def _numbered(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
+def _numbered_arrays(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
     """Arrays as one column for each entry, of those that have names."""
     entries: dict[str, dict[int, str]] = {}
     for header in columns:
@@ -469,7 +469,7 @@ def _columns(columns: Mapping[str, pl.Series], entries: Mapping[int, str], indic
     return np.stack([numbers_of(columns[entries[i]]) if i in entries else empty for i in indices], axis=1)
 
 
-def _lists(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
+def _list_arrays(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
     """Arrays as one column of lists; those without names are reported as such."""
     lists = {header: series for header, series in columns.items() if is_list(series)}
     texts = {h: p["prefix"] for h in lists if (p := NAMES.fullmatch(normal(h))) is not None}
@@ -481,7 +481,7 @@ def _lists(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
         arrays.append(_Arrays(matrix(lists_of(lists[header]), str), values, (header, *headers)))
         taken.update((header, *headers))
     alone = tuple(h for h in lists if h not in taken)
-    values = {h: rows for h in alone if (rows := _unnamed(lists[h])) is not None}
+    values = {h: rows for h in alone if (rows := _unnamed_lists(lists[h])) is not None}
     return [*arrays, *([_Arrays(None, values, alone)] if alone else [])]
 
 
@@ -491,7 +491,7 @@ def _numbers(series: pl.Series) -> Array:
     return np.asarray(matrix(lists_of(series), float)) if even is None else even
 
 
-def _unnamed(series: pl.Series) -> Array | None:
+def _unnamed_lists(series: pl.Series) -> Array | None:
     """(T, n) of lists without names; None: they differ in length, so that their entries are unknown, or
     they hold no numbers, or more than any robot has joints.
     """

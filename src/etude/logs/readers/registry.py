@@ -66,7 +66,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
     name = name or _reader_of(path, head)
-    log = without_holes(with_index(_joined(_topics(plugins.load(GROUP, name), name, path, topics))))
+    log = without_holes(with_index(_join(_topics(plugins.load(GROUP, name), name, path, topics))))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
     return log
@@ -155,7 +155,7 @@ def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Map
     return logs
 
 
-def _joined(topics: Mapping[str, Log]) -> Log:
+def _join(topics: Mapping[str, Log]) -> Log:
     """One log of all topics, at the times of the one with the most rows; the others are interpolated where
     they are not silent. A column that several topics have keeps its topic's name before it.
     """
@@ -302,12 +302,13 @@ def without_holes(raw: Log) -> Log:
         return raw
     sentences = ["Columns that are filled at different rows were joined by time."]
     joined = {
-        name: _at(name, t, column[:, 0], leader, sentences)[:, None] for name, column in raw.values.items()
+        name: _at_rows(name, t, column[:, 0], leader, sentences)[:, None]
+        for name, column in raw.values.items()
     }
     return replace(raw, t=raw.t[leader], values=joined).repaired(*sentences)
 
 
-def _at(name: str, t: Array, signal: Array, rows: Mask, repairs: list[str]) -> Array:
+def _at_rows(name: str, t: Array, signal: Array, rows: Mask, repairs: list[str]) -> Array:
     filled = np.isfinite(signal)
     if filled[rows].all() or filled.sum() < 2:
         return np.asarray(signal[rows])
@@ -357,7 +358,7 @@ def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]
         times: (T,) s at which it is to be known.
         t: (n,) s of its messages.
     """
-    silent = _between(times, np.sort(t[np.isfinite(t)]))
+    silent = _silent_rows(times, np.sort(t[np.isfinite(t)]))
     if not silent.any():
         return silent, ()
     seconds = float(silent.sum() * np.median(np.diff(times)))
@@ -367,7 +368,7 @@ def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]
     return silent, (f"{fact}: what it would have said there was left out.",)
 
 
-def _between(times: Array, t: Array) -> Mask:
+def _silent_rows(times: Array, t: Array) -> Mask:
     silent = np.zeros(len(times), dtype=np.bool_)
     for before, after in itertools.pairwise(segments(t)):
         start, end = t[before.stop - 1], t[after.start]

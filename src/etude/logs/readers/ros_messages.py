@@ -237,10 +237,10 @@ class Stores:
     def _all(self, connection: Any) -> list[Any]:
         key = (connection.msgtype, connection.msgdef.data)
         if key not in self._stores:
-            self._stores[key] = self._made(connection)
+            self._stores[key] = self._make_stores(connection)
         return self._stores[key]
 
-    def _made(self, connection: Any) -> list[Any]:
+    def _make_stores(self, connection: Any) -> list[Any]:
         typesys, format_ = self._typesys, connection.msgdef.format.name
         if format_ == "NONE":
             later = [{**DEFINITIONS, **LATER}] if connection.msgtype in LATER else []
