@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from etude.campaign.record.folder import Campaign
     from etude.campaign.run.campaign_run import RunOptions, RunResult
-    from etude.campaign.run.robot_session import Seen
+    from etude.campaign.run.robot_session import OnSample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class RunRobot(Common):
         return Outcome("\n".join(_lines(campaign, result, [report, view])), {**_data(result), **written}, 0)
 
     @contextmanager
-    def _view(self, printer: _EventPrinter) -> Iterator[Seen]:
+    def _view(self, printer: _EventPrinter) -> Iterator[OnSample]:
         """Receiver of the samples: the view, or nothing without --view."""
         if not self.view:
             yield lambda _, __, ___: None

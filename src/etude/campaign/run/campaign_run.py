@@ -38,9 +38,9 @@ from etude.campaign.run.certified_motions import (
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import (
+    OnSample,
     Result,
     RobotSession,
-    Seen,
     Tell,
     after_loss,
     held_on_signals,
@@ -132,7 +132,7 @@ def run_campaign(
     *,
     say: Say = lambda _: None,
     tell_event: Tell = lambda _, __: None,
-    seen: Seen = lambda _, __, ___: None,
+    seen: OnSample = lambda _, __, ___: None,
 ) -> RunResult:
     """Run the campaign on a robot in closed loop; see docs/run.md.
 
@@ -168,7 +168,7 @@ def connected(
     identity: str = "",
     tell: Tell = lambda _, __: None,
     on: str = "",
-    seen: Seen = lambda _, __, ___: None,
+    seen: OnSample = lambda _, __, ___: None,
 ) -> Iterator[RobotSession]:
     """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`.
 

@@ -55,7 +55,7 @@ JOURNAL_WAIT_S = 600.0
 """For another writer when a motion has ended: what is computed meanwhile is one."""
 Tell = Callable[[str, Mapping[str, Any]], None]
 """Receives the name of an event and what it holds."""
-Seen = Callable[[Campaign, PlannedMotion, Sample], None]
+OnSample = Callable[[Campaign, PlannedMotion, Sample], None]
 """Receives each sample of a motion, and returns at once."""
 
 
@@ -94,7 +94,7 @@ class RobotSession:
     tell: Tell
     waived: tuple[str, ...] = ()
     on: str = ""
-    seen: Seen = lambda _, __, ___: None
+    seen: OnSample = lambda _, __, ___: None
     level: float = 0.0
     seconds: float = 0.0
     stood_since: float | None = None

@@ -65,7 +65,7 @@ class Claim:
     """A possible meaning of a header.
 
     Attributes:
-        place: "named", "numbered" or "bare": of `Found`. channel: its name.
+        place: "named", "numbered" or "bare": of `HeaderMeanings`. channel: its name.
         part: of the channel, or its number. word: rank of the word, as in `Column`.
     """
 
@@ -76,7 +76,7 @@ class Claim:
 
 
 @dataclass
-class Found:
+class HeaderMeanings:
     """Meanings of headers, by channel: columns by part, by number, and by a part's bare name."""
 
     named: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
@@ -162,7 +162,7 @@ def doubles(headers: Sequence[str]) -> set[str]:
     return {header for same in by_meaning.values() for _, header in sorted(same)[1:]}
 
 
-def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:
+def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> HeaderMeanings:
     """Meanings of all headers. DataError: a header has a meaning and an unknown unit.
 
     A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
@@ -170,7 +170,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     """
     vocabulary = _Vocabulary(_part_headers(channels), _channels_by_word(channels), _bare_names(channels))
     described = {channel.name: channel for channel in channels}
-    duplicates, meanings, left = doubles(headers), Found(), []
+    duplicates, meanings, left = doubles(headers), HeaderMeanings(), []
     written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
         # as Étude writes it, whatever is in the part's name
@@ -204,10 +204,13 @@ def _may_be(unit: str, channel: Channel) -> bool:
 
 
 def _add_suffixed(
-    meanings: Found, headers: Sequence[str], vocabulary: _Vocabulary, described: Mapping[str, Channel]
+    meanings: HeaderMeanings,
+    headers: Sequence[str],
+    vocabulary: _Vocabulary,
+    described: Mapping[str, Channel],
 ) -> None:
     """Add columns whose headers end with a unit; of two for one part, the one in SI."""
-    more = Found()
+    more = HeaderMeanings()
     for header in sorted(headers, key=_not_si):
         text, unit = split_suffix(header)
         for claim in vocabulary.claims(text) if unit else ():
@@ -327,7 +330,7 @@ def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | No
     return None
 
 
-def settle_bare(meanings: Found, channels: dict[str, Channel], where: str) -> None:
+def settle_bare(meanings: HeaderMeanings, channels: dict[str, Channel], where: str) -> None:
     """Adds bare names to the one channel that they complete.
 
     Raises:

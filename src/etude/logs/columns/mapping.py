@@ -25,7 +25,7 @@ import numpy as np
 from etude.errors import DataError
 from etude.logs.columns.families import members
 from etude.logs.columns.header_units import NUMBER, unit_in
-from etude.logs.columns.headers import Found, read_headers
+from etude.logs.columns.headers import HeaderMeanings, read_headers
 from etude.logs.columns.vocabulary import NUMBERED, is_time, normal, split_unit, unit_of
 from etude.logs.config import LogConfig
 from etude.types import Channel, Log
@@ -180,7 +180,7 @@ def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str
     return HEAD + "\n".join([*times, *lines, *unused]) + "\n"
 
 
-def _lines(channel: Channel, meanings: Found) -> list[str]:
+def _lines(channel: Channel, meanings: HeaderMeanings) -> list[str]:
     """A line for each part of a channel that the log has, must have, or that may be a model input."""
     named = meanings.named.get(channel.name, {})
     numbered = meanings.numbered.get(channel.name, {})

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from etude.errors import DataError
 from etude.logs.columns.families import answer, family_of, rivals
 from etude.logs.columns.header_units import NUMBER, UNITS_TO_USE, same_dimension, unit_in
-from etude.logs.columns.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
+from etude.logs.columns.headers import Column, HeaderMeanings, other_unit, read_headers, settle_bare, words_of
 from etude.logs.columns.vocabulary import SENSORS
 from etude.types import Channel
 
@@ -69,7 +69,7 @@ def match_columns(
     return Matching(matched, ignored, tuple(repairs), families)
 
 
-def _prefer_mapped(meanings: Found, channel: Channel, mapped: Collection[str]) -> Found:
+def _prefer_mapped(meanings: HeaderMeanings, channel: Channel, mapped: Collection[str]) -> HeaderMeanings:
     """The columns, in which parts named by [log.columns] have no other candidates."""
     if not mapped:
         return meanings
@@ -105,7 +105,7 @@ def _families(
 
 
 def _of_channel(
-    channel: Channel, meanings: Found, repairs: list[str], where: str
+    channel: Channel, meanings: HeaderMeanings, repairs: list[str], where: str
 ) -> tuple[Column, ...] | None:
     """The channel's columns in the order of its parts; None if the file has none, or too few of an aside."""
     by_part = meanings.named.get(channel.name, {})
