@@ -143,14 +143,14 @@ class Pace:
         if self.steady or tick <= 0.0:
             self.change = 0.0
             return
-        left = self.end - self.now
-        slope = float(np.sign(left) * np.sqrt(2.0 * PACE_CURVATURE * abs(left)))
+        remaining = self.end - self.now
+        slope = float(np.sign(remaining) * np.sqrt(2.0 * PACE_CURVATURE * abs(remaining)))
         step = PACE_CURVATURE * tick
         slope = min(max(slope, self.change - step), self.change + step)
         low, high = path.room(s, self.now, limits)
         self.change = min(max(slope, low), high)
         self.now += self.change * tick
-        if abs(self.end - self.now) < LANDED or (self.end - self.now) * left < 0.0:
+        if abs(self.end - self.now) < LANDED or (self.end - self.now) * remaining < 0.0:
             self.now = self.end
 
 
@@ -197,14 +197,14 @@ class Stopping:
 
     def at(self, u: float) -> SetPoint:
         """Set-point at u s after the start; at rest after the end."""
-        start, left = self.start, min(u, self.span)
+        start, remaining = self.start, min(u, self.span)
         q, qd, qdd = start.q, start.qd, start.qdd
         for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * start.q)):
             length = part * self.span
-            h = min(max(left, 0.0), length)
+            h = min(max(remaining, 0.0), length)
             jerk = (end - qdd) / length
             q = q + h * (qd + h * (0.5 * qdd + h * jerk / 6.0))
             qd, qdd = qd + h * (qdd + 0.5 * h * jerk), qdd + h * jerk
-            left -= length
+            remaining -= length
         is_moving = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
         return SetPoint(q, is_moving * qd, is_moving * qdd, start.effort, start.at)

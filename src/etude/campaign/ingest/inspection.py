@@ -210,8 +210,8 @@ def _possible_parts(headers: Sequence[str], words: Sequence[str]) -> list[list[s
     for header in [header for header in headers if not is_time(header)]:
         text = normal(split_suffix(split_unit(header)[0])[0])
         text = plain(text) or text
-        left = {part for word in words if (part := _part_in_header(text, word))}
-        remainders += [sorted(left, key=lambda part: (-len(part), part))] if left else []
+        parts = {part for word in words if (part := _part_in_header(text, word))}
+        remainders += [sorted(parts, key=lambda part: (-len(part), part))] if parts else []
     return remainders
 
 
@@ -222,9 +222,9 @@ def _part_in_header(text: str, word: str) -> str:
         numbered = re.fullmatch(rf"{re.escape(word)}_?(?:joint_?|j)?(\d{{1,4}})", unprefixed)
         if numbered:
             return f"joint_{numbered[1]}"
-        for left in (unprefixed.removeprefix(f"{word}_"), unprefixed.removesuffix(f"_{word}")):
-            if left != unprefixed:
-                return left
+        for remainder in (unprefixed.removeprefix(f"{word}_"), unprefixed.removesuffix(f"_{word}")):
+            if remainder != unprefixed:
+                return remainder
     return ""
 
 

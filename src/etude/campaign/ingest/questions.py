@@ -152,8 +152,8 @@ class LogQuestions:
         Removes rows of a vehicle on the ground at either end, and rows of an arm whose drives are off, unless
         the user accepted the latter.
         """
-        every = checks_of(self.kind, self.spec, log, own=own)
-        findings = [f for f in every if f.light in ("red", "yellow")]
+        all_findings = checks_of(self.kind, self.spec, log, own=own)
+        findings = [f for f in all_findings if f.light in ("red", "yellow")]
         for finding in [f for f in findings if f.light == "red"]:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)

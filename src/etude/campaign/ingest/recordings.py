@@ -94,7 +94,7 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
             control = fact.control
             break
     about = {} if began is None else began.told
-    lacks = about.get("gravity_in_command") is False and about.get("command_of") != "measured"
+    lacks_gravity = about.get("gravity_in_command") is False and about.get("command_of") != "measured"
     if recording.reached < LEAST_TAUGHT_S:
         raise DataError(
             f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
@@ -108,7 +108,7 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
             where=str(path),
             next_step="Give this computer less to do, or the driver a lower rate; then run the motion again.",
         )
-    return Evidence(recording, control, lacks)
+    return Evidence(recording, control, lacks_gravity)
 
 
 def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:

@@ -554,17 +554,17 @@ def tell_many(
 def _store_each(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[IngestedFile]:
     """Every file, stored or refused, in the order in which they were given."""
     files: dict[Path, IngestedFile] = {}
-    left = sorted(set(paths), key=lambda path: (path.name, str(path)))
-    survey = surveyed(campaign, left, how) if len(left) > 1 else None
-    while left:
+    pending = sorted(set(paths), key=lambda path: (path.name, str(path)))
+    survey = surveyed(campaign, pending, how) if len(pending) > 1 else None
+    while pending:
         open_before, refused = len(campaign.state().proposals), []
-        for path in left:
+        for path in pending:
             files[path] = _ingest_one(campaign, path, how, survey)
-            lost = files[path].ingested is None
-            say(f"{path.name}: {'refused' if lost else files[path].sentence}.")
-            refused += [path] if lost else []
+            is_refused = files[path].ingested is None
+            say(f"{path.name}: {'refused' if is_refused else files[path].sentence}.")
+            refused += [path] if is_refused else []
         # a log that matches none of several open proposals may belong to none
-        left = refused if len(campaign.state().proposals) < open_before else []
+        pending = refused if len(campaign.state().proposals) < open_before else []
     return [files[path] for path in dict.fromkeys(paths)]
 
 

@@ -216,9 +216,9 @@ class RobotSession:
         predicted = motion.predicted(t[inside])
         if predicted is None or inside.sum() < 2:
             return ()
-        left = recording.command[inside][:, self.columns] - predicted
+        residuals = recording.command[inside][:, self.columns] - predicted
         rows = max(1, round(MEAN_S * (inside.sum() - 1) / max(float(np.ptp(t[inside])), MEAN_S)))
-        total = np.cumsum(np.vstack([np.zeros(left.shape[1]), left]), axis=0)
+        total = np.cumsum(np.vstack([np.zeros(residuals.shape[1]), residuals]), axis=0)
         return jsonable(np.abs(total[rows:] - total[:-rows]).max(axis=0) / rows)
 
     def _require_same_robot(self) -> None:

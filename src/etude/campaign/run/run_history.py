@@ -69,8 +69,8 @@ def pending_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
         if isinstance(e.fact, MotionEnded) and e.number in waiting and e.fact.recording_sha256 not in ingested
         if e.fact.part == "motion" and _is_whole(e.fact)
     ]
-    there = [(number, path) for number, path in recordings if number is not None and path.is_file()]
-    return [(number, path) for number, path in there if is_even(read_recording(path))]
+    stored = [(number, path) for number, path in recordings if number is not None and path.is_file()]
+    return [(number, path) for number, path in stored if is_even(read_recording(path))]
 
 
 def last_identity(events: Sequence[Event]) -> str:
@@ -101,13 +101,13 @@ def measured_residuals(events: Sequence[Event], control: str) -> MeasuredErrors 
     """As `measured_errors`, for |command - predicted|, means over 0.1 s. Transfers count too: at their start,
     stiction holds the robot anywhere in its band. None before a whole motion.
     """
-    whole = _largest([fact.residual for fact in _whole_motions(events, control)])
+    of_whole = _largest([fact.residual for fact in _whole_motions(events, control)])
     motions = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
     done = [f.residual for f in motions if f.control == control and f.ended == Ended.DONE.value]
-    every = _largest(done)
-    if whole is None or every is None:
+    of_all = _largest(done)
+    if of_whole is None or of_all is None:
         return None
-    return replace(whole, largest=np.maximum(whole.largest, every.largest))
+    return replace(of_whole, largest=np.maximum(of_whole.largest, of_all.largest))
 
 
 def _largest(rows: Sequence[Figures]) -> MeasuredErrors | None:

@@ -77,15 +77,15 @@ def _error_bound(
 ) -> Array:
     """(k,) bound of the tracking error. Where a hard limit is nearer to the path, it stops the motion."""
     margin = assumed_margin(campaign, constraints, trajectory)
-    errors, alone = measured_errors(events, control), measured_errors(events, FEEDBACK)
+    errors, feedback = measured_errors(events, control), measured_errors(events, FEEDBACK)
     bound = OF_ASSUMED * margin
     if errors is not None:
         bound = OF_MEASURED * errors.expected
-    elif alone is not None:
-        bound = np.minimum(bound, OF_ASSUMED * alone.expected)
-    if control == LEARNED and alone is not None:
+    elif feedback is not None:
+        bound = np.minimum(bound, OF_ASSUMED * feedback.expected)
+    if control == LEARNED and feedback is not None:
         # where a model knows nothing its command fades, and the feedback is what is left
-        bound = np.maximum(bound, alone.expected)
+        bound = np.maximum(bound, feedback.expected)
     bound = np.fmax(bound, LEAST_ASSUMED * margin_before_logs(campaign, trajectory))
     if about.encoder_step is not None:
         order = [about.joints.index(axis) for axis in campaign.axes]

@@ -116,14 +116,14 @@ class _Vocabulary:
         """Meanings of a header without its unit: the part that it names, else its number, else those of its
         bare name.
         """
-        rests = _header_variants(normal(text))
-        hit = next((self.named[candidate] for candidate in rests if candidate in self.named), None)
+        variants = _header_variants(normal(text))
+        hit = next((self.named[candidate] for candidate in variants if candidate in self.named), None)
         if hit:
             return (Claim("named", *hit),)
-        number = _numbered_part(rests, self.channel_of)
+        number = _numbered_part(variants, self.channel_of)
         if number:
             return (Claim("numbered", *number),)
-        return tuple(Claim("bare", *meaning) for meaning in self.bare.get(rests[0], ()))
+        return tuple(Claim("bare", *meaning) for meaning in self.bare.get(variants[0], ()))
 
 
 COLUMN = re.compile(
@@ -170,7 +170,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     """
     vocabulary = _Vocabulary(_part_headers(channels), _channels_by_word(channels), _bare_names(channels))
     described = {channel.name: channel for channel in channels}
-    duplicates, meanings, left = doubles(headers), HeaderMeanings(), []
+    duplicates, meanings, unmatched = doubles(headers), HeaderMeanings(), []
     written = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
         # as Étude writes it, whatever is in the part's name
@@ -186,12 +186,15 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
             )
         for claim in claims:
             meanings.note(claim, header, unit)
-        left += [] if claims else [header]
+        unmatched += [] if claims else [header]
     _add_suffixed(
-        meanings, [h for h in left if h not in duplicates and not split_unit(h)[1]], vocabulary, described
+        meanings,
+        [h for h in unmatched if h not in duplicates and not split_unit(h)[1]],
+        vocabulary,
+        described,
     )
     taken = {column.name for column in meanings.columns()}
-    meanings.ignored += [header for header in left if header not in taken]
+    meanings.ignored += [header for header in unmatched if header not in taken]
     return meanings
 
 
@@ -210,15 +213,15 @@ def _add_suffixed(
     described: Mapping[str, Channel],
 ) -> None:
     """Add columns whose headers end with a unit; of two for one part, the one in SI."""
-    more = HeaderMeanings()
+    suffixed = HeaderMeanings()
     for header in sorted(headers, key=_not_si):
         text, unit = split_suffix(header)
         for claim in vocabulary.claims(text) if unit else ():
             units = dict.fromkeys(described[claim.channel].units)
-            if any(same_dimension(unit, other) for other in units) and claim.part not in more.of(claim):
-                more.note(claim, header, unit)
+            if any(same_dimension(unit, other) for other in units) and claim.part not in suffixed.of(claim):
+                suffixed.note(claim, header, unit)
     for place in ("named", "numbered", "bare"):
-        for name, columns in getattr(more, place).items():
+        for name, columns in getattr(suffixed, place).items():
             present = getattr(meanings, place).get(name, {})
             elsewhere = any(name in getattr(meanings, p) for p in ("named", "numbered", "bare") if p != place)
             if len({*present, *columns}) == len(described[name].parts) and not elsewhere:
@@ -236,9 +239,9 @@ def column_names(channel: Channel) -> list[str]:
 
 
 def _header_variants(text: str) -> list[str]:
-    rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
+    variants = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
     named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
-    return [*rests, *(candidate for candidate in (named, plain(text)) if candidate)]
+    return [*variants, *(candidate for candidate in (named, plain(text)) if candidate)]
 
 
 def words_of(channel: Channel) -> tuple[str, ...]:
@@ -303,9 +306,9 @@ def _bare_names(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str],
     return bare
 
 
-def _numbered_part(rests: list[str], channel_of: dict[str, str]) -> tuple[str, str] | None:
+def _numbered_part(variants: list[str], channel_of: dict[str, str]) -> tuple[str, str] | None:
     """(channel, number) of a normalised header such as `q_3`; None if it is none."""
-    for text in rests:
+    for text in variants:
         for pattern in NUMBERED:
             match = re.fullmatch(pattern, text)
             if match is None:
@@ -324,8 +327,8 @@ def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | No
         other = replace(channel, units=(unit,) * len(channel.parts))
         named, channel_of = _part_headers([other]), _channels_by_word([other])
         for header in headers:
-            rests = _header_variants(normal(split_unit(header)[0]))
-            if any(text in named for text in rests) or _numbered_part(rests, channel_of):
+            variants = _header_variants(normal(split_unit(header)[0]))
+            if any(text in named for text in variants) or _numbered_part(variants, channel_of):
                 return header, unit
     return None
 

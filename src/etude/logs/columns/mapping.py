@@ -63,27 +63,27 @@ def _with_times(raw: Log, rate: float) -> Log:
 
 
 def _rename(raw: Log, config: LogConfig) -> Log:
-    left = {name: values for name, values in raw.values.items() if name not in config.ignored}
-    named = _sources(config.columns, left)
+    available = {name: values for name, values in raw.values.items() if name not in config.ignored}
+    named = _sources(config.columns, available)
     _check_unique(named, raw.source)
-    used = {to: source for to, source in named.items() if source.header in left}
+    used = {to: source for to, source in named.items() if source.header in available}
     if not used:
         _check_header(raw)
-        if all(_has_column(left, to) for to in named):
-            return _with_columns(raw, left).repaired(*([AS_NAMED] if named else []))
-    missing = [source.header for source in named.values() if source.header not in left]
+        if all(_has_column(available, to) for to in named):
+            return _with_columns(raw, available).repaired(*([AS_NAMED] if named else []))
+    missing = [source.header for source in named.values() if source.header not in available]
     if missing:
-        near = difflib.get_close_matches(missing[0], list(left), 1)
+        near = difflib.get_close_matches(missing[0], list(available), 1)
         hint = f"Did you mean {near[0]}? " if near else ""
         hint = 'A factor stands first, with a point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
         raise DataError(
             f"there is no column {missing[0]!r}, which [log.columns] names",
             where=raw.source,
-            next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(left)[:40])}.",
+            next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(available)[:40])}.",
         )
-    read = {_with_unit(to, source): source.scale * left[source.header] for to, source in used.items()}
+    read = {_with_unit(to, source): source.scale * available[source.header] for to, source in used.items()}
     taken = {source.header for source in used.values()}
-    unnamed = {name: values for name, values in left.items() if name not in taken and name not in read}
+    unnamed = {name: values for name, values in available.items() if name not in taken and name not in read}
     pairs = ", ".join(f"{source.term} as {to}" for to, source in used.items())
     return _with_columns(raw, {**read, **unnamed}).repaired(f"By [log.columns], {pairs} were read.")
 
@@ -135,8 +135,8 @@ def _sources(columns: Mapping[str, str], headers: Collection[str]) -> dict[str, 
         parts = {} if header in headers else members(headers, header)
         bare, unit = split_unit(to)
         unit = f" [{unit}]" if unit else ""
-        each = {f"{bare}_{part}{unit}": _Source(name, scale) for part, name in parts.items()}
-        sources |= each or {to: _Source(header, scale)}
+        entries = {f"{bare}_{part}{unit}": _Source(name, scale) for part, name in parts.items()}
+        sources |= entries or {to: _Source(header, scale)}
     return sources
 
 

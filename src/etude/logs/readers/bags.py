@@ -371,8 +371,8 @@ def _read_topics(
             where=str(path),
             next_step="Name another with --topic, or record again.",
         )
-    left = tuple(f"Topic {name} was left out: {error.fact}." for name, error in unreadable.items())
-    return [topic for topic in read if topic.columns], (*((cut,) if cut else ()), *left)
+    omitted = tuple(f"Topic {name} was left out: {error.fact}." for name, error in unreadable.items())
+    return [topic for topic in read if topic.columns], (*((cut,) if cut else ()), *omitted)
 
 
 def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Stores, path: Path) -> None:

@@ -68,7 +68,7 @@ class TextBlocks:
 
     def __iter__(self) -> Iterator[bytes]:
         """DataError: the file is binary."""
-        left, lost_feed = b"", False
+        pending, lost_feed = b"", False
         with self.path.open("rb") as file:
             start = file.read(3)
             mark = next((candidate for candidate in ENCODINGS if start.startswith(candidate)), b"")
@@ -83,13 +83,13 @@ class TextBlocks:
                     text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
                 lines, feed, remainder = text.rpartition(b"\n")
                 if feed:
-                    yield left + lines + feed
-                    left = remainder
+                    yield pending + lines + feed
+                    pending = remainder
                 else:
-                    left += remainder
-                if len(left) > LONGEST_LINE:
+                    pending += remainder
+                if len(pending) > LONGEST_LINE:
                     raise self._binary()
-        self.unended = left
+        self.unended = pending
 
     def _decoded(self, decoder: codecs.IncrementalDecoder, data: bytes) -> bytes:
         try:

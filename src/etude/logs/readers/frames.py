@@ -402,9 +402,11 @@ def _entries(values: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _list_sentences(arrays: _Arrays) -> list[str]:
-    left = [header for header in arrays.used if header not in arrays.values]
+    ignored = [header for header in arrays.used if header not in arrays.values]
     sentences = (
-        [f"Columns {', '.join(left)} hold lists of no numbers or of many; they were ignored."] if left else []
+        [f"Columns {', '.join(ignored)} hold lists of no numbers or of many; they were ignored."]
+        if ignored
+        else []
     )
     if arrays.values:
         headers = ", ".join(arrays.values)
@@ -480,9 +482,9 @@ def _list_arrays(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
         values = {h: _numbers(lists[h]) for h in headers}
         arrays.append(_Arrays(matrix(lists_of(lists[header]), str), values, (header, *headers)))
         taken.update((header, *headers))
-    alone = tuple(h for h in lists if h not in taken)
-    values = {h: rows for h in alone if (rows := _unnamed_lists(lists[h])) is not None}
-    return [*arrays, *([_Arrays(None, values, alone)] if alone else [])]
+    unnamed = tuple(h for h in lists if h not in taken)
+    values = {h: rows for h in unnamed if (rows := _unnamed_lists(lists[h])) is not None}
+    return [*arrays, *([_Arrays(None, values, unnamed)] if unnamed else [])]
 
 
 def _numbers(series: pl.Series) -> Array:

@@ -52,11 +52,11 @@ def mat_log(path: Path) -> Log:
             next_step="Save time, positions and commands as arrays with a row for each sample.",
         )
     rows = max(lengths, key=lambda n: (lengths[n], n))
-    left = sorted(name for name, values in columns.items() if len(values) != rows)
+    omitted = sorted(name for name, values in columns.items() if len(values) != rows)
     of_length = {name: values for name, values in columns.items() if len(values) == rows}
     of_length = _without_struct(of_length)
-    sentence = f"Variables of another length than {rows} were left out: {', '.join(left[:12])}."
-    return raw_log(of_length, path.name, (sentence,) if left else ())
+    sentence = f"Variables of another length than {rows} were left out: {', '.join(omitted[:12])}."
+    return raw_log(of_length, path.name, (sentence,) if omitted else ())
 
 
 def _simulink(columns: dict[str, Array]) -> dict[str, Array]:
