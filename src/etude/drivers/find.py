@@ -1,4 +1,4 @@
-"""From what is typed after `--on` to a Player: NAME, NAME:ADDRESS, module:factory or file.py:factory."""
+"""Drivers by the text after `--on`: NAME, NAME:ADDRESS, module:factory or file.py:factory."""
 
 from __future__ import annotations
 

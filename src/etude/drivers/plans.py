@@ -1,4 +1,4 @@
-"""A certified trajectory as rows at a driver's rate: evaluated exactly, never read off a table of 100 Hz."""
+"""Rows of a certified trajectory at a driver's rate, evaluated exactly, not read from a table of 100 Hz."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def planned(
 
 
 def first_segment_ends(trajectory: Trajectory) -> float:
-    """s at which the first segment is over, the link to the next not yet begun; of one segment, the end."""
+    """s at which the first segment ends, before the link to the next one; of one segment, the end."""
     first = segment_starts(trajectory)[:1]
     for start, label, _ in trajectory.pieces():
         if first and start > first[0] and label not in ("segment", "lead-out"):

@@ -1,4 +1,4 @@
-"""Recordings as files: Parquet that any tool opens, with what a recording has beside its rows in a header."""
+"""Recordings as Parquet files that any tool opens; a header holds the other fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CHANNELS = ("q", "qd", "command", "asked")
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Writes it whole or not at all. Columns: t, at, q_JOINT, qd_JOINT, command_JOINT, asked_JOINT, and what
+    """Write a recording completely or not at all. Columns: t, at, q_JOINT, qd_JOINT, command_JOINT, asked_JOINT, and what
     samples had beside.
 
     Times are doubles; the rest is single precision, finer than encoders are.

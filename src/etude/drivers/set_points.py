@@ -117,7 +117,7 @@ class PathInTime:
     def room(self, s: float, pace: float, limits: Array) -> tuple[float, float]:
         """Smallest and largest change of pace, 1/s, inside the acceleration limits (J,).
 
-        No change is inside them at any pace up to 1, since the motion itself is.
+        0 is always allowed, since the motion itself is inside them at any pace up to 1.
         """
         row = self.row(s)
         qd, qdd = self.motion.qd[row], self.motion.qdd[row] * (pace * pace)
@@ -128,7 +128,7 @@ class PathInTime:
 
 @dataclass
 class Pace:
-    """ds/dt of a path: 1, 0, or on its way between the two, as fast as the acceleration limits let it."""
+    """ds/dt of a path: 1, 0, or in transition between them at the acceleration limits."""
 
     now: float = 1.0
     end: float = 1.0
@@ -186,7 +186,7 @@ class PathClock:
 
 
 class Stopping:
-    """From a set-point to rest, joint by joint: the acceleration goes to a plateau, and from there to 0."""
+    """Braking from a set-point to rest, joint by joint: the acceleration rises to a plateau, then falls."""
 
     def __init__(self, start: SetPoint, limits: Array) -> None:
         self.start = start

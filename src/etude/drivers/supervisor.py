@@ -31,7 +31,7 @@ encoder and by this part of its bound of errors. Stiction holds a joint too, but
 class _Check:
     """A quantity that must not be beyond its bound for longer than for_s.
 
-    quantity: from a sample to (J,) or a number; None: it cannot be told from this one. bound: of its size.
+    quantity: from a sample to (J,) or a number; None: the sample lacks it. bound: of its size.
     sentence: for the reason, with {name}, {value} and {bound}.
     """
 
@@ -61,14 +61,14 @@ class Supervisor:
     """Watches one motion. `watch` is called with every sample, in the order in which they come.
 
     Args:
-        bounds: that it holds.
-        about: the robot that moves.
-        motion: that it plays.
-        predicted: (n, J) commands at the rows of the motion, with what gravity the robot's own commands have;
+        bounds: of the motion.
+        about: the moving robot.
+        motion: the planned motion.
+        predicted: (n, J) commands at the rows of the motion, with gravity as in the robot's own commands;
             None: residuals are not watched.
 
     Attributes:
-        reason: why it stopped the motion, a sentence; "" as long as it did not.
+        reason: a sentence on why it stopped the motion; "" before.
         worst_error: (J,) largest |q - asked| so far, glitches of one sample left out.
 
     Raises:
@@ -91,7 +91,7 @@ class Supervisor:
         self._checks = self._make_checks(bounds)
 
     def watch(self, sample: Sample) -> Reaction:
-        """What the robot has to do now. STOP for ever, once it is said."""
+        """The robot's next action; after the first STOP always STOP."""
         if not sample.seen:
             sample = _stamped(sample)
         if not self.reason:
@@ -183,7 +183,7 @@ class _ClockOffset:
 
 
 class _Still:
-    """How far each joint was asked to move since any position last changed, in parts of what counts."""
+    """Commanded travel of each joint since any position last changed, as a part of the bound."""
 
     def __init__(self, bounds: Bounds, about: About) -> None:
         steps = 0.0 if about.encoder_step is None else FROZEN_STEPS * about.encoder_step
@@ -200,7 +200,7 @@ class _Still:
 
 
 class _Velocity:
-    """What is measured, or differences over at least for_s, in which a glitch of one sample shows twice."""
+    """Measured velocities, or differences over at least for_s, where a glitch of one sample shows twice."""
 
     def __init__(self, over: float) -> None:
         self.over = over
@@ -220,7 +220,7 @@ class _Velocity:
 
 
 class _Mean:
-    """Running mean over the last seconds, of the smaller one of two in a row: a glitch is no push."""
+    """Running mean over the last seconds of the smaller of two values in a row: a glitch is no push."""
 
     def __init__(self, over: float) -> None:
         self.over = over

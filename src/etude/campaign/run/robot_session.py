@@ -1,4 +1,4 @@
-"""A robot that is connected: one motion after the other, each in the journal before its first set-point."""
+"""Session with a connected robot: motions in sequence, each in the journal before its first set-point."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ OnSample = Callable[[Campaign, PlannedMotion, Sample], None]
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A motion that was sent.
+    """Result of a motion.
 
     Attributes:
-        fact: what the journal says of its end. recording: what came back. path: its file.
+        fact: its end, as in the journal. recording: its recording. path: file of the recording.
     """
 
     fact: MotionEnded
@@ -78,13 +78,13 @@ class Result:
 
 @dataclass(eq=False)
 class RobotSession:
-    """A connected robot, and how far its learned command is faded in.
+    """A connected robot and the present level of its learned command.
 
     Attributes:
-        waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
-        level: of the learned command that the robot was sent last, 0 or 1.
-        on: the driver's name, as it was given. seen: who else is shown the samples.
-        stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
+        waived: sentences that a simulation waives. seconds: of motion so far.
+        level: of the last learned command, 0 or 1.
+        on: the driver's name, as typed. seen: a further receiver of the samples.
+        stood_since: this computer's clock at the end of the last motion, s. stood: s of rest between motions.
     """
 
     campaign: Campaign
@@ -103,11 +103,11 @@ class RobotSession:
 
     @property
     def columns(self) -> Index:
-        """Of each of the campaign's axes its column in the driver's arrays."""
+        """Columns of the campaign's axes in the driver's arrays."""
         return np.array([self.about.joints.index(axis) for axis in self.campaign.axes])
 
     def pose(self) -> Array:
-        """(k,) where it stands: the set-point that holds it, else what it measures.
+        """(k,) the robot's pose: the set-point that holds it, or else the measured one.
 
         Raises:
             LinkLost: it does not say. RobotStopped: it reports a fault.
@@ -127,7 +127,7 @@ class RobotSession:
         return np.asarray(q[self.columns], dtype=float)
 
     def play(self, motion: CertifiedMotion, meanwhile: Callable[[], None] = lambda: None) -> Result:
-        """Sends one motion, which is in the journal before it moves, and keeps what came back.
+        """Send one motion, which is in the journal before it starts, and store its recording.
 
         meanwhile: starts what is computed while it moves, and may hold the journal until that is done.
 
@@ -390,7 +390,7 @@ def require_room(folder: Path, motion: PlannedMotion) -> None:
 
 
 def prune_recordings(campaign: Campaign) -> None:
-    """Removes the recordings of motions that ended well, but for the newest; those of stopped ones stay."""
+    """Remove recordings of motions that ended well, except the newest; those of stopped motions stay."""
     events = [e.fact for e in campaign.events() if isinstance(e.fact, MotionEnded)]
     done = [fact.recording for fact in events if fact.ended == Ended.DONE.value and fact.recording]
     for name in set(done[:-KEPT_RECORDINGS]) - set(done[-KEPT_RECORDINGS:]):
@@ -398,7 +398,7 @@ def prune_recordings(campaign: Campaign) -> None:
 
 
 def free_path(folder: Path, stem: str) -> Path:
-    """A name that no file of the folder has: stem.1.parquet, stem.2.parquet, ..."""
+    """A new file name in the folder: stem.1.parquet, stem.2.parquet, ..."""
     folder.mkdir(exist_ok=True)
     taken = {
         int(number) for path in folder.glob(f"{stem}.*") if (number := path.name.split(".")[2]).isdigit()
@@ -408,7 +408,7 @@ def free_path(folder: Path, stem: str) -> Path:
 
 @contextlib.contextmanager
 def only_one(campaign: Campaign, about: About) -> Iterator[None]:
-    """Of a campaign, and of a robot that is real, only one run at a time. UsageError: there is another."""
+    """Lock for one run at a time of a campaign, and of a real robot. UsageError: there is another run."""
     with contextlib.ExitStack() as held:
         held.enter_context(
             _lock_file(campaign.path / ".run.lock", "another etude run works in this campaign")

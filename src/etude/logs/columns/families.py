@@ -37,7 +37,7 @@ def members(headers: Iterable[str], family: str) -> dict[str, str]:
 
 
 def family_of(header: str, channel: Channel) -> tuple[str, str]:
-    """The family of a header as it is written there, and which part of the channel it is of; "" of none."""
+    """The family of a header as written there, and its part of the channel; "" without a family."""
     text = split_suffix(split_unit(header)[0])[0]
     for part in part_names(channel):
         for pattern in (rf"(.+)_{re.escape(part)}", rf"{re.escape(part)}_(.+)"):
@@ -49,7 +49,7 @@ def family_of(header: str, channel: Channel) -> tuple[str, str]:
 
 
 def rivals(channel: Channel, used: Sequence[str], left: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Family -> its columns in the order of the headers, of each that may be the command beside those `used`.
+    """Columns, in the order of the headers, of each family that may be the command in place of those `used`.
 
     Args:
         left: headers that mean nothing else.
