@@ -25,9 +25,9 @@ CHANNELS = ("q", "qd", "command", "asked")
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Write a recording completely or not at all. Columns: t, at, q_JOINT, qd_JOINT, command_JOINT, asked_JOINT, and what
-    samples had beside.
+    """Write a recording completely or not at all.
 
+    Columns: t, at, q_JOINT, qd_JOINT, command_JOINT, asked_JOINT, and the samples' other measurements.
     Times are doubles; the rest is single precision, finer than encoders are.
 
     Raises:
