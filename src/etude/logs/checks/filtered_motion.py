@@ -73,9 +73,11 @@ def seen(log: Log, path: Channel) -> Seen | None:
     some stretches are used.
     """
     log = looked_at(log)
-    known = [c for c in log.channels.values() if c.name in log]
-    others: dict[str, Channel] = {c.role: c for c in known if c.role == "command" and c.acts_on == path.name}
-    logged = next((c for c in known if _rate_of(c, path)), None)
+    channels = [c for c in log.channels.values() if c.name in log]
+    others: dict[str, Channel] = {
+        c.role: c for c in channels if c.role == "command" and c.acts_on == path.name
+    }
+    logged = next((c for c in channels if _rate_of(c, path)), None)
     others |= {} if logged is None else {"logged": logged}
     pieces = [piece for piece in segments(log.t) if piece.stop - piece.start >= LEAST_ROWS]
     if path.name not in log or not pieces:
@@ -87,9 +89,9 @@ def seen(log: Log, path: Channel) -> Seen | None:
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    way = np.ptp(whole["q"], axis=0)
-    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_widest(way, path), 1.0))
-    moved = way > np.maximum(NO_MOTION, still)
+    travel = np.ptp(whole["q"], axis=0)
+    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_widest(travel, path), 1.0))
+    moved = travel > np.maximum(NO_MOTION, still)
     speed = np.abs(whole["qd"])
     return Seen(
         whole["t"],
@@ -106,10 +108,10 @@ def seen(log: Log, path: Channel) -> Seen | None:
     )
 
 
-def _widest(way: Array, path: Channel) -> Array:
+def _widest(travel: Array, path: Channel) -> Array:
     """(k,) for each coordinate the longest path of all coordinates in its unit."""
     return np.array(
-        [max(w for w, u in zip(way, path.units, strict=True) if u == unit) for unit in path.units]
+        [max(w for w, u in zip(travel, path.units, strict=True) if u == unit) for unit in path.units]
     )
 
 
@@ -127,8 +129,8 @@ LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many
 
 def goes_far(q: Array) -> Mask:
     """(k,) whether positions q (n, k) vary by enough to judge the joint's commands."""
-    way = np.ptp(q, axis=0)
-    return np.asarray(way > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(way.max()), WIDEST)))
+    travel = np.ptp(q, axis=0)
+    return np.asarray(travel > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(travel.max()), WIDEST)))
 
 
 def noise(q: Array) -> Array:
@@ -147,13 +149,13 @@ def joints(log: Log) -> Channel | None:
 
 def measured_rates(log: Log, path: Channel) -> list[str]:
     """The channel of the logged velocities, if there is one."""
-    own = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
-    return [c.name for c in own if c.name in log]
+    rates = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
+    return [c.name for c in rates if c.name in log]
 
 
 def _rate_of(channel: Channel, path: Channel) -> bool:
-    own = channel.derivative_of == path.name and channel.role in ("state", "aside")
-    return own and channel.parts == path.parts
+    is_rate = channel.derivative_of == path.name and channel.role in ("state", "aside")
+    return is_rate and channel.parts == path.parts
 
 
 def _tamed(log: Log, name: str) -> Log:
@@ -189,8 +191,8 @@ def _stretch(
         return smooth(grid, resample(log.t, log[name], grid), cutoff)
 
     made = filtered(path.name)
-    found = {"t": grid[rows], "q": made.value[rows], "qd": made.first[rows], "qdd": made.second[rows]}
-    return found | {name: filtered(channel.name).value[rows] for name, channel in others.items()}
+    columns = {"t": grid[rows], "q": made.value[rows], "qd": made.first[rows], "qdd": made.second[rows]}
+    return columns | {name: filtered(channel.name).value[rows] for name, channel in others.items()}
 
 
 def runs(marked: Mask) -> Sequence[tuple[int, int]]:

@@ -79,9 +79,9 @@ def _suspicion(values: Array, lower: Array, upper: Array, units: Sequence[str]) 
     excess = np.maximum(values.max(axis=0) - upper, lower - values.min(axis=0))
     if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
         return ""
-    way = np.ptp(values, axis=0) / (upper - lower)
+    travel = np.ptp(values, axis=0) / (upper - lower)
     for unit, factor in _smaller(units).items():
-        if _fits(values * factor, lower, upper) and (way * factor > SEEN).any():
+        if _fits(values * factor, lower, upper) and (travel * factor > SEEN).any():
             return unit
     return ""
 

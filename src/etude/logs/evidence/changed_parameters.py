@@ -37,7 +37,7 @@ ROUNDS = 12  # of expectation maximisation: odds settle to 0.1
 
 @dataclass(frozen=True, eq=False)
 class ChangeEvidence:
-    """What is known of c changes on n rows; k joints `own`, p links.
+    """What is known of c changes on n rows; k joints, p links.
 
     Attributes:
         products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
@@ -56,7 +56,7 @@ class ChangeEvidence:
     def of(
         cls,
         rows: FilteredRows,
-        own: Index,
+        joints: Index,
         path: Channel,
         body: Mean,
         after: Array,
@@ -71,20 +71,20 @@ class ChangeEvidence:
         """
         assert rows.torque is not None
         assert isinstance(body, SupportsVariations)
-        command = rows.command[:, own, AS_LOGGED]
+        command = rows.command[:, joints, AS_LOGGED]
         size = command.std(axis=0)
         y = ((command - command.mean(axis=0)) / size)[:, :, None]
         states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
-        links = body.links(states)[:, own] / size[:, None, None]
+        links = body.links(states)[:, joints] / size[:, None, None]
         L = links[:, :, -(most or 0) :, 0]
-        X = regressors(rows, own, GRADUAL[-1])
-        unit = _unit(rows.torque[:, own] / size, L)
+        X = regressors(rows, joints, GRADUAL[-1])
+        unit = _unit(rows.torque[:, joints] / size, L)
         L = L * unit
         changed = np.concatenate([X[:, :, [VISCOUS, COULOMB]], L], axis=2)
         moved = (after[:, None, :, None] * changed[:, :, None]).reshape(*X.shape[:2], -1)
         # what the last link carries all the time may have its centre anywhere
-        carried = links[:, :, -1, :4] * _unit(rows.torque[:, own] / size, links[:, :, -1, :4])
-        products, half = _products(rows, own, np.concatenate([X, carried, y, moved], axis=2))
+        carried = links[:, :, -1, :4] * _unit(rows.torque[:, joints] / size, links[:, :, -1, :4])
+        products, half = _products(rows, joints, np.concatenate([X, carried, y, moved], axis=2))
         return cls(products, half, len(rows.t), unit, heard)
 
     def _columns(self, change: int) -> tuple[list[int], int, int, list[int]]:
@@ -105,14 +105,15 @@ class ChangeEvidence:
 
     def friction(self, change: int) -> tuple[Array, Array]:
         """(k,) each: log odds of other friction to the same, viscous one aside, and its factor."""
-        mine, y, own, _ = self._columns(change)
+        mine, y, rubbing, _ = self._columns(change)
         mine = [i for i in mine if i not in GRADUAL]  # the factor is of Coulomb friction
-        same, other = self._evidence(mine, y), self._evidence([*mine, own], y)
-        columns, every = np.array([*mine, own]), np.arange(other.shape[1])
+        same, other = self._evidence(mine, y), self._evidence([*mine, rubbing], y)
+        columns, every = np.array([*mine, rubbing]), np.arange(other.shape[1])
         A = self.products[..., columns[:, None], columns] + np.eye(len(columns))
-        found = np.linalg.solve(A, self.products[..., columns, y, None])[other.argmax(axis=0), every, :, 0]
+        coefficients = np.linalg.solve(A, self.products[..., columns, y, None])
+        coefficients = coefficients[other.argmax(axis=0), every, :, 0]
         odds = log_sum(other, axis=0) - log_sum(same, axis=0)
-        return np.where(self.heard[change], odds, 0.0), 1.0 + found[:, -1] / found[:, COULOMB]
+        return np.where(self.heard[change], odds, 0.0), 1.0 + coefficients[:, -1] / coefficients[:, COULOMB]
 
     def _evidence(self, mine: list[int], y: int) -> Array:
         """(h, k) log evidence of the commands with some columns."""
@@ -120,8 +121,8 @@ class ChangeEvidence:
         return -half - 0.5 * self.n * np.log(left[..., 0, 0] / self.n)
 
     def _shared(self, change: int, which: slice) -> tuple[float, Array]:
-        mine, y, own, links = self._columns(change)
-        left, half = _without(self.products, self.half, [*mine, own], [y, *links[which]])
+        mine, y, rubbing, links = self._columns(change)
+        left, half = _without(self.products, self.half, [*mine, rubbing], [y, *links[which]])
         odds, weights = _shared(left, half, self.n, self.heard[change])
         return odds, weights * self.unit[which]
 
@@ -132,7 +133,7 @@ def _unit(torque: Array, L: Array) -> Array:
     return np.asarray(size / np.where(each > 0.0, each, np.inf))
 
 
-def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Array]:
+def _products(rows: FilteredRows, joints: Index, columns: Array) -> tuple[Array, Array]:
     """(h, k, m, m) products of each joint's columns (n, k, m), whitened at each point of the grid, and (h, k)
     half the log determinant of its covariance. Where the joint stands, any command is held (Woodbury).
     """
@@ -144,7 +145,7 @@ def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Ar
         white = dtrsm(1.0, factor, flat, lower=1).reshape(n, k, m)
         half[h] = np.log(np.diag(factor)).sum()
         for j in range(k):
-            W, stands = white[:, j], rows.stands[own[j]]
+            W, stands = white[:, j], rows.stands[joints[j]]
             products[h, j] = W.T @ W
             if stands.shape[1]:
                 S = dtrsm(1.0, factor, stands, lower=1)
@@ -155,14 +156,14 @@ def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Ar
     return products, half
 
 
-def _without(products: Array, half: Array, mine: list[int], kept: list[int]) -> tuple[Array, Array]:
-    """Products of the columns `kept` less what a joint's own columns explain, with a prior of unit variance,
-    and (h, k) half the log determinant with them.
+def _without(products: Array, half: Array, mine: list[int], targets: list[int]) -> tuple[Array, Array]:
+    """Products of the columns `targets` less what a joint's own columns `mine` explain, with a prior of unit
+    variance, and (h, k) half the log determinant with them.
     """
-    mine_, kept_ = np.array(mine), np.array(kept)
+    mine_, targets_ = np.array(mine), np.array(targets)
     A = products[..., mine_[:, None], mine_] + np.eye(len(mine))
-    across = products[..., mine_[:, None], kept_]
-    left = products[..., kept_[:, None], kept_] - np.swapaxes(across, 2, 3) @ np.linalg.solve(A, across)
+    across = products[..., mine_[:, None], targets_]
+    left = products[..., targets_[:, None], targets_] - np.swapaxes(across, 2, 3) @ np.linalg.solve(A, across)
     return left, half + 0.5 * np.linalg.slogdet(A)[1]
 
 

@@ -62,12 +62,12 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     new = fit_of(rows, fit.path, fit.body) if len(rows.t) else None
     turned, odds = ((), 0.0) if new is None else reversed_joints(new)
     if turned:
-        return (_said_reversed(turned, odds, path),)
+        return (_reversal_finding(turned, odds, path),)
     zero = zero_of(fit)
-    return () if zero is None else (_said(zero, path),)
+    return () if zero is None else (_zero_finding(zero, path),)
 
 
-def _said(zero: Zero, path: Channel) -> Finding:
+def _zero_finding(zero: Zero, path: Channel) -> Finding:
     turns = path.units[zero.joint] == "rad"
     size, spread = ((np.degrees(x) if turns else 1e3 * x) for x in (zero.offset, zero.deviation))
     fact = (
@@ -81,7 +81,7 @@ def _said(zero: Zero, path: Channel) -> Finding:
     return Finding(ZERO, "yellow", fact, step, flag=ZERO)
 
 
-def _said_reversed(turned: Sequence[int], odds: float, path: Channel) -> Finding:
+def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Finding:
     names = named(path.parts, np.isin(np.arange(len(path.parts)), turned))
     verb = "turns" if len(turned) == 1 else "turn"
     return Finding(
@@ -104,8 +104,8 @@ def fit_of(rows: FilteredRows | None, path: Channel, body: Mean) -> FileFit | No
     """The same of rows that hold the file's torque."""
     if rows is None or not isinstance(body, SupportsVariations) or rows.moving.sum() < 2:
         return None
-    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
-    return FileFit(rows, own, path, body) if len(own) > 1 else None
+    joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    return FileFit(rows, joints, path, body) if len(joints) > 1 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +113,11 @@ class FileFit:
     """Rows, the joints whose commands have a say, and what a file says of them.
 
     Attributes:
-        own: (m,) indices of those joints.
+        joint_indices: (m,) of those joints.
     """
 
     rows: FilteredRows
-    own: Index
+    joint_indices: Index
     path: Channel
     body: Mean
 
@@ -132,8 +132,8 @@ class FileFit:
         """(n, k) the file's torque if each position were (k,) less."""
         rows = self.rows
         assert rows.torque is not None
-        found = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
-        return np.asarray(rows.torque + found[0] - found[1])
+        torques = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
+        return np.asarray(rows.torque + torques[0] - torques[1])
 
     def turned(self, signs: Array) -> Array:
         """(n, k) the file's torque if joints with signs (k,) of -1 turn the other way."""
@@ -149,35 +149,35 @@ class FileFit:
 
     def left(self, torque: Array) -> Array:
         """(m,) part of each command's variance that a torque (n, k), friction and a constant leave."""
-        return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
+        return np.array([self._left_of(j, torque[:, j]) for j in self.joint_indices.tolist()])
 
     def _left_of(self, j: int, torque: Array) -> float:
         command, F = self.rows.command[:, j, AS_LOGGED], self._direction(j, torque)
-        y = self._rest(j, command)
+        y = self._residual(j, command)
         return float(((y - F * (F @ y)) ** 2).mean() / command.var())
 
     @cached_property
-    def _own(self) -> dict[int, Array]:
+    def _bases(self) -> dict[int, Array]:
         """By joint, an orthonormal basis (n, p) of what only its command has: a constant, inertia, friction.
 
         Friction in all forms: where it turns round over a distance, or holds a joint that stands, it looks
         like a weight.
         """
-        rows, found = self.rows, {}
-        for j in self.own.tolist():
+        rows, bases = self.rows, {}
+        for j in self.joint_indices.tolist():
             friction = [rows.friction[:, j], rows.drop[:, j], rows.gradual[:, j], rows.stands[j]]
             X = np.column_stack([np.ones(len(rows.t)), rows.qdd[:, j], rows.qd[:, j], *friction])
             U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), SMALLEST), full_matrices=False)
-            found[j] = U[:, s > SAME * s[0]]
-        return found
+            bases[j] = U[:, s > SAME * s[0]]
+        return bases
 
-    def _rest(self, j: int, values: Array) -> Array:
+    def _residual(self, j: int, values: Array) -> Array:
         """Values (n, ...) less what only command j has."""
-        return np.asarray(values - self._own[j] @ (self._own[j].T @ values))
+        return np.asarray(values - self._bases[j] @ (self._bases[j].T @ values))
 
     def _direction(self, j: int, torque: Array) -> Array:
         """(n,) of unit length: a torque (n,) less what only command j has; 0 where nothing is left."""
-        left = self._rest(j, torque)
+        left = self._residual(j, torque)
         size = float(np.linalg.norm(left))
         return left / size if size > SAME * float(np.linalg.norm(torque)) else np.zeros_like(left)
 
@@ -197,20 +197,20 @@ class FileFit:
         """What is left of each command (m,) and the weights (p,) of columns (n, k, p) that all joints share,
         beside a torque (n, k) and what is a joint's own.
         """
-        parts = [self._without_own(j, torque[:, j], columns[:, j]) for j in self.own.tolist()]
+        parts = [self._residuals(j, torque[:, j], columns[:, j]) for j in self.joint_indices.tolist()]
         left = np.array([float((y**2).mean()) for y, _ in parts])
         for _ in range(ROUNDS):
             weights = 1.0 / np.sqrt(left + FLOOR)
-            X = np.concatenate([w * own for w, (_, own) in zip(weights, parts, strict=True)])
-            y = np.concatenate([w * own for w, (own, _) in zip(weights, parts, strict=True)])
-            found = np.linalg.lstsq(X, y, rcond=None)[0]
-            left = np.array([float(((own - C @ found) ** 2).mean()) for own, C in parts])
-        return left, np.asarray(found)
+            X = np.concatenate([w * C for w, (_, C) in zip(weights, parts, strict=True)])
+            y = np.concatenate([w * u for w, (u, _) in zip(weights, parts, strict=True)])
+            coefficients = np.linalg.lstsq(X, y, rcond=None)[0]
+            left = np.array([float(((u - C @ coefficients) ** 2).mean()) for u, C in parts])
+        return left, np.asarray(coefficients)
 
-    def _without_own(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
+    def _residuals(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
         """Command and columns in deviations of the command, less what is the joint's own."""
         command = self.rows.command[:, j, AS_LOGGED]
-        y, X, F = self._rest(j, command), self._rest(j, columns), self._direction(j, torque)
+        y, X, F = self._residual(j, command), self._residual(j, columns), self._direction(j, torque)
         return (y - F * (F @ y)) / command.std(), (X - np.outer(F, F @ X)) / command.std()
 
 
@@ -230,8 +230,8 @@ def zero_of(fit: FileFit) -> Zero | None:
         return before - fit.score(fit.torque(np.where(np.arange(k) == i, offset, 0.0)))
 
     near = min((s * d for d in TRIED for s in (1, -1)), key=cost)
-    found = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
-    offset, odds = float(found.x), -float(found.fun)
+    optimum = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
+    offset, odds = float(optimum.x), -float(optimum.fun)
     if odds < SCREEN or odds < AHEAD + _masses(fit) - before:
         return None
     bend = (cost(offset + STEP) - 2.0 * cost(offset) + cost(offset - STEP)) / STEP**2
@@ -249,7 +249,8 @@ def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
     signs, first = np.ones(k), fit.score(fit.turned(np.ones(k)))
     best, odds = first, 0.0
     for _ in range(k - 1):
-        trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in fit.own.tolist() if signs[i] > 0.0}
+        unturned = [i for i in fit.joint_indices.tolist() if signs[i] > 0.0]
+        trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in unturned}
         scores = {i: fit.score(fit.turned(trial)) for i, trial in trials.items()}
         i = max(scores, key=lambda i: scores[i], default=-1)
         if i < 0 or scores[i] - best < AHEAD or not fit.follows(trials[i]):
@@ -271,14 +272,14 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     fit = None if measured_rates(log, path) else file_fit([log], path, body)
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
         return None
-    weight, rest = fit.rows.static, fit.rows.torque - fit.rows.static
-    odds = {scale: fit.score(weight + scale**2 * rest) - fit.score(weight + rest) for scale in CLOCKS}
+    weight, inertial = fit.rows.static, fit.rows.torque - fit.rows.static
+    odds = {scale: fit.score(weight + scale**2 * inertial) - fit.score(weight + inertial) for scale in CLOCKS}
     best = max(odds, key=lambda scale: odds[scale])
     if odds[best] < CLOCK_ODDS:
         return None
     fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
-    found = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
-    return replace(found, light="yellow")
+    finding = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
+    return replace(finding, light="yellow")
 
 
 EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction
@@ -293,9 +294,9 @@ def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> b
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
         return False
     assert isinstance(fit.body, SupportsVariations)
-    pulls, rest = fit.body.pulls(fit.states), fit.rows.torque - fit.rows.static
-    left, gravity = fit.shared(pulls, rest)
-    before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], rest)
+    pulls, inertial = fit.body.pulls(fit.states), fit.rows.torque - fit.rows.static
+    left, gravity = fit.shared(pulls, inertial)
+    before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], inertial)
     return bool(np.linalg.norm(gravity) > HELD * EARTH and left.sum() < LEFT * before.sum())
 
 
@@ -312,13 +313,13 @@ def _masses(fit: FileFit) -> float:
     assert isinstance(fit.body, SupportsVariations)
     moments = fit.body.links(fit.states)[:, :, :, 1:4]
     each = [moments[:, :, b] for b in range(moments.shape[2])]
-    price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.own) / APART))
+    price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.joint_indices) / APART))
     tried = [*each, moments.reshape(*moments.shape[:2], -1)]
     return max(fit.score_with(columns) - price * float(columns.shape[2]) for columns in tried)
 
 
 def positions_odds(
-    rows: FilteredRows, own: Index, path: Channel, body: Mean, columns: Index, signs: Array
+    rows: FilteredRows, joints: Index, path: Channel, body: Mean, columns: Index, signs: Array
 ) -> float:
     """Log odds that the positions of joints stand in other columns (k,) with other signs (k,), against the
     same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
@@ -329,14 +330,14 @@ def positions_odds(
     scores = []
     for tried in (moved, ordered):
         torque = body.predict(states_of(rows.t, path, tried.q, tried.qd, tried.qdd))
-        scores.append(FileFit(replace(tried, torque=torque), own, path, body).score(torque))
+        scores.append(FileFit(replace(tried, torque=torque), joints, path, body).score(torque))
     return scores[0] - scores[1]
 
 
 def is_computed(fit: FileFit) -> bool:
     """Whether commands follow one factor of the file's torque more closely than any measured ones."""
     assert fit.rows.torque is not None
-    y, F = fit.rows.command[:, fit.own, AS_LOGGED], fit.rows.torque[:, fit.own]
+    y, F = fit.rows.command[:, fit.joint_indices, AS_LOGGED], fit.rows.torque[:, fit.joint_indices]
     square = (F * F).sum(axis=0)
     factor = (y * F).sum(axis=0) / np.maximum(square, np.finfo(float).tiny)
     left = ((y - factor * F) ** 2).mean(axis=0) / (y**2).mean(axis=0)

@@ -29,23 +29,23 @@ def finding_of(
     Args:
         parts: names of the joints.
         sources: names of the logs that were judged, the oldest first.
-        old: those of them that were told before, so that nothing repairs them now.
+        old: those of them that were learned before; no repair changes them now.
     """
     where = _where(decision, sources)
     if decision.positions >= CERTAIN:
         return _of_positions(decision, parts, where)
     if decision.check == SIGN:
-        found = _sign(decision, parts, where)
+        finding = _sign(decision, parts, where)
     elif decision.check == SWAPPED:
-        found = _swapped(decision, parts, where)
+        finding = _swapped(decision, parts, where)
     elif decision.check == DIRECTION:
-        found = _direction(decision, where)
+        finding = _direction(decision, where)
     elif decision.check == DELAY:
         return _delay(decision, where)
     else:
         return _gravity(decision)
-    told = [_before(sources[i], old[i]) for i in decision.logs if i < len(old)]
-    return _of_told(found, told) if told and isinstance(found, Mendable) else found
+    learned = [_before(sources[i], old[i]) for i in decision.logs if i < len(old)]
+    return _of_learned(finding, learned) if learned and isinstance(finding, Mendable) else finding
 
 
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
@@ -53,16 +53,18 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     if not decision.moving.any():
         fact = "Too little motion to tell whose a command is, its sign or its delay."
         return [Finding(COMMANDS, "cannot tell", fact)]
-    known = np.asarray(decision.told >= LIKELY)
-    unsure = named(parts, ~known)
-    if not known.any():
+    is_known = np.asarray(decision.sign_odds >= LIKELY)
+    unsure = named(parts, ~is_known)
+    if not is_known.any():
         fact = "Neither sign of any command explains the motion better."
         signs = Finding(
             SIGN, "cannot tell", fact, "A longer motion, or a model file with masses, tells more."
         )
     else:
-        rest = f" Of {unsure} it cannot be told." if unsure else ""
-        signs = Finding(SIGN, "green", f"The sign of the commands of {named(parts, known)} is right.{rest}")
+        remark = f" Of {unsure} it cannot be told." if unsure else ""
+        signs = Finding(
+            SIGN, "green", f"The sign of the commands of {named(parts, is_known)} is right.{remark}"
+        )
     step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
     delay = Finding(DELAY, "green", step)
     if decision.why == "late":
@@ -73,7 +75,7 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
 
 def _order_stands(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     """That no other order fits better; of joints whose signs are not told an exchange is not told either."""
-    silent = np.asarray(decision.moving & (np.abs(decision.told) < LIKELY))
+    silent = np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY))
     if decision.moving.sum() < 2:
         return []
     if silent.sum() < 2:
@@ -176,7 +178,7 @@ def _settled(decision: Decision, parts: Sequence[str]) -> str:
         return f"A log with velocities{other} settles it"
     if decision.why == "weight":
         return "Check the signs at the robot, and masses and mounting in the model file"
-    unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
+    unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY)))
     motion = f" log with more reversals of {unsure}" if unsure else " longer motion"
     return (
         f"A{motion} tells more"
@@ -224,8 +226,8 @@ def _direction(decision: Decision, where: str) -> Finding:
 
 def _delay(decision: Decision, where: str) -> Finding:
     late = decision.by[0]
-    way = "behind" if late > 0.0 else "ahead of"
-    fact = f"The commands are {1e3 * abs(late):.0f} ms {way} the motion{where} ({_odds(decision)})."
+    direction = "behind" if late > 0.0 else "ahead of"
+    fact = f"The commands are {1e3 * abs(late):.0f} ms {direction} the motion{where} ({_odds(decision)})."
     if decision.level == "note":
         step = "They are shifted by that when the log is told."
         return Mendable(DELAY, "yellow", fact, step, by=decision.by)
@@ -247,15 +249,15 @@ def _gravity(decision: Decision) -> Finding:
 
 def _before(source: str, log: Log) -> str:
     """As "log 1" or "log 2 (the sign of the commands of elbow was turned, as asked)"."""
-    asked = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
-    repaired = [one for one in asked if "taken as it is" not in one.lower()]
+    requested = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
+    repaired = [one for one in requested if "taken as it is" not in one.lower()]
     return f"{source} ({'; '.join(repaired)})" if repaired else source
 
 
-def _of_told(found: Finding, told: Sequence[str]) -> Finding:
-    """The same of logs that were told before: nothing is repaired in part."""
+def _of_learned(finding: Finding, learned: Sequence[str]) -> Finding:
+    """The finding on logs that were learned before: Étude repairs all of them or none."""
     step = (
-        f"These logs were learned before: {', '.join(told)}. Exclude them (etude untell FOLDER NUMBER), and "
-        f"tell all logs together with --repair {found.check}; {accepted(found.check)}."
+        f"These logs were learned before: {', '.join(learned)}. Exclude them (etude untell FOLDER NUMBER), "
+        f"and tell all logs together with --repair {finding.check}; {accepted(finding.check)}."
     )
-    return replace(found, step=step)
+    return replace(finding, step=step)

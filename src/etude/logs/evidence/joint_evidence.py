@@ -29,7 +29,7 @@ class Decision:
         logs: which of the logs it is about; orders, directions and weights are judged of new ones.
         by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
         odds: log odds against the logs as they are. ahead: against the next best decision.
-        told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
+        sign_odds: (k,) log odds of the right sign to the inverted one, of the commands as they are.
         moving, strange: (k,) joints that have a say, and those that no sign explains.
         why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
             runs backwards, another "order". "late" of a silent one whose commands may be late.
@@ -38,7 +38,7 @@ class Decision:
     """
 
     level: Level
-    told: Array
+    sign_odds: Array
     moving: Mask
     strange: Mask
     check: str = ""
@@ -57,14 +57,14 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class JointEvidence:
-    """The evidence of moving joints `own` (m,), computed where it is asked for.
+    """The evidence of moving joints `joint_indices` (m,), computed on demand.
 
     Attributes:
         orders: whether other orders of the columns are looked at.
     """
 
     rows: FilteredRows
-    own: Index
+    joint_indices: Index
     motion: WhitenedMotion
     orders: bool = True
 
@@ -73,8 +73,8 @@ class JointEvidence:
         """None of rows that are too few, or where nothing moves."""
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
-        own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion.of(rows, own))
+        joints = np.flatnonzero(rows.moving)
+        return cls(rows, joints, WhitenedMotion.of(rows, joints))
 
     def with_command(self, command: Array) -> JointEvidence:
         """The same motion with other commands (n, k, d) on it."""
@@ -84,11 +84,13 @@ class JointEvidence:
     def without_turns(self) -> JointEvidence:
         """Of the delays alone, in rows where nothing that friction does in a turn has a say."""
         rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
-        return JointEvidence(rows, self.own, WhitenedMotion.of_clock(rows, self.own), orders=False)
+        return JointEvidence(
+            rows, self.joint_indices, WhitenedMotion.of_clock(rows, self.joint_indices), orders=False
+        )
 
     @cached_property
     def _evidence(self) -> ColumnEvidence:
-        (m,), d = self.own.shape, self.rows.command.shape[2]
+        (m,), d = self.joint_indices.shape, self.rows.command.shape[2]
         count, every = m if self.orders else 0, np.arange(m)
         joints = np.concatenate([np.repeat(every, d), np.repeat(every, count)])
         columns = np.concatenate([np.repeat(every, d), np.tile(every, count)])
@@ -98,25 +100,26 @@ class JointEvidence:
     @property
     def columns(self) -> ColumnEvidence:
         """(m d) of joints with their own columns, in all variants."""
-        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
+        return self._evidence.take(slice(0, len(self.joint_indices) * self.rows.command.shape[2]))
 
     @property
     def crossed(self) -> ColumnEvidence:
         """(m m) of joints with all columns, as they were logged."""
-        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
+        return self._evidence.take(slice(len(self.joint_indices) * self.rows.command.shape[2], None))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
-        return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
+        return self.columns.take(np.arange(len(self.joint_indices)) * self.rows.command.shape[2] + number)
 
     def over(self, values: Array | Mask, fill: float) -> Array:
         """(k,) of all joints, from those of the moving ones (m,)."""
-        found = np.full(len(self.rows.parts), fill, dtype=values.dtype)
-        found[self.own] = values
-        return np.asarray(found)
+        filled = np.full(len(self.rows.parts), fill, dtype=values.dtype)
+        filled[self.joint_indices] = values
+        return np.asarray(filled)
 
     def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
         """variant: of the commands, in which strange joints are looked for."""
         right, inverted = self.variant(AS_LOGGED).signs()
-        told, strange = self.over(right - inverted, 0.0), self.over(self.variant(variant).strange(), False)
-        return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
+        sign_odds = self.over(right - inverted, 0.0)
+        strange = self.over(self.variant(variant).strange(), False)
+        return Decision(level, sign_odds, self.rows.moving, strange, **more)  # type: ignore[arg-type]
