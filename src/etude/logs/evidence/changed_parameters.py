@@ -37,13 +37,13 @@ ROUNDS = 12  # of expectation maximisation: odds settle to 0.1
 
 @dataclass(frozen=True, eq=False)
 class ChangeEvidence:
-    """What is known of c changes on n rows; k joints, p links.
+    """The evidence of c changes in n rows; k joints, p links.
 
     Attributes:
         products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
             the command, and of each change qd, friction and the links. half: (h, k) half the log determinant
             of the covariance.
-        unit: (p,) kg of the columns of links. heard: (c, k) joints that have a say of each change.
+        unit: (p,) kg of the columns of links. heard: (c, k) whether a joint counts for a change.
     """
 
     products: Array
@@ -67,7 +67,7 @@ class ChangeEvidence:
 
         Args:
             after: (n, c) from 0 to 1: how much each row holds of each change.
-            most: so many of the links, the last ones, may change; None: all.
+            most: number of links that may change, counted from the last; None: all.
         """
         assert rows.torque is not None
         assert isinstance(body, SupportsVariations)
@@ -95,16 +95,16 @@ class ChangeEvidence:
         return [*range(y), first], y, first + 1, list(range(first + 2, first + 2 + links))
 
     def load(self, change: int) -> tuple[float, float]:
-        """Log odds of a load at the last link to none, and its kg; friction may change too."""
+        """Log odds of a load at the last link against none, and its kg; friction may change too."""
         odds, kg = self._shared(change, slice(-1, None))
         return odds, float(kg[0])
 
     def masses(self, change: int) -> float:
-        """Log odds of other masses of all links to the same; friction may change too."""
+        """Log odds of changed masses of all links against the same ones; friction may change too."""
         return self._shared(change, slice(None))[0]
 
     def friction(self, change: int) -> tuple[Array, Array]:
-        """(k,) each: log odds of other friction to the same, viscous one aside, and its factor."""
+        """(k,) each: log odds of changed Coulomb friction against the same, and its factor."""
         mine, y, rubbing, _ = self._columns(change)
         mine = [i for i in mine if i not in GRADUAL]  # the factor is of Coulomb friction
         same, other = self._evidence(mine, y), self._evidence([*mine, rubbing], y)
@@ -135,7 +135,8 @@ def _unit(torque: Array, L: Array) -> Array:
 
 def _products(rows: FilteredRows, joints: Index, columns: Array) -> tuple[Array, Array]:
     """(h, k, m, m) products of each joint's columns (n, k, m), whitened at each point of the grid, and (h, k)
-    half the log determinant of its covariance. Where the joint stands, any command is held (Woodbury).
+    half the log determinant of its covariance. Static friction explains any command of a joint at rest
+    (Woodbury).
     """
     n, k, m = columns.shape
     covariance, flat = covariances(rows), np.asfortranarray(columns.reshape(n, -1))
@@ -168,7 +169,7 @@ def _without(products: Array, half: Array, mine: list[int], targets: list[int]) 
 
 
 def _shared(left: Array, half: Array, n: int, heard: Mask) -> tuple[float, Array]:
-    """Log odds of weights (p,) that all joints share to none, and the weights.
+    """Log odds of weights (p,) common to all joints against none, and the weights.
 
     Args:
         left: (h, k, 1 + p, 1 + p) products of commands, and of what they are weights of.

@@ -44,10 +44,10 @@ def judge(
 
     Args:
         logs: with positions `path` and commands on them; their clocks are right.
-        body: what a model file says of the commands by itself; None without one.
+        body: the model file's prediction of the commands; None without a file.
         fresh: indices of the logs that are new; the others were judged before. None: all.
         force: whether commands are forces in SI, which may hold gravity.
-        accepted: checks of which nothing is said any more.
+        accepted: checks whose findings the user has accepted.
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
@@ -56,11 +56,11 @@ def judge(
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
 
-    # what was told before has its order, its direction and its clock
+    # logs that were ingested before have their order, direction and clock
     new, whole = [logs[i] for i in fresh], len(fresh) == len(logs)
     alone = evidence if whole else JointEvidence.of(rows_of(new, path, body))
     clock = Clock.of(logs, path, body, fresh, alone)
-    # commands that are late, too little to be told so, look like another order or sign
+    # a delay too short to be reported looks like another order or sign
     stepped, right = evidence, logs if clock is None else clock.in_step()
     if any(log is not in_step for log, in_step in zip(logs, right, strict=True)):
         new = [right[i] for i in fresh]
@@ -101,7 +101,7 @@ def judge(
 
 
 def _without_turns(decision: Decision | None, evidence: JointEvidence) -> Decision | None:
-    """The decision, unless rows where no joint reverses contradict it: stiction in a turn makes right
+    """The decision; None if rows where no joint reverses contradict it. Stiction at a reversal makes right
     commands fit another joint, or the other sign.
     """
     if decision is None or 0 < len(decision.logs) < len(np.unique(evidence.rows.log)):
@@ -118,8 +118,8 @@ def _without_turns(decision: Decision | None, evidence: JointEvidence) -> Decisi
 def _by_calm_rows(
     evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
 ) -> Decision | None:
-    """A question on signs that rows without turns tell, where all rows leave them open: friction that turns
-    round over a distance blurs them there.
+    """A question on signs from the rows without reversals, where all rows together leave the signs open.
+    Presliding friction hides them at reversals.
     """
     calm = evidence.without_turns
     calm = replace(calm, rows=replace(calm.rows, groups=()))
@@ -132,7 +132,7 @@ def _by_calm_rows(
 
 
 def _positions(decision: Decision, evidence: JointEvidence, path: Channel, body: Mean | None) -> float:
-    """Log odds that positions and not commands have the signs or the order found."""
+    """Log odds that the positions, not the commands, have the decision's signs or order."""
     rows = evidence.rows.take(np.flatnonzero(np.isin(evidence.rows.log, decision.logs)))
     joints = evidence.joint_indices[rows.command[:, evidence.joint_indices, AS_LOGGED].std(axis=0) > 0.0]
     if body is None or decision.check not in (SIGN, SWAPPED) or len(joints) < 2:
@@ -146,7 +146,7 @@ def _positions(decision: Decision, evidence: JointEvidence, path: Channel, body:
 
 
 def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
-    """Logs that may differ from the others: each by itself, and all new ones."""
+    """Groups of logs that may differ from the others: each log alone, and all new ones."""
     if count < 2:
         return []
     new = tuple(fresh)
@@ -180,7 +180,7 @@ class Signs:
 
 
 def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
-    """The best of all sets of joints in all groups of logs, without looking at each.
+    """The most probable set of inverted joints in all groups of logs, without enumeration of the sets.
 
     A set S of joints that are inverted in one group has evidence sum_{S} turned + sum_{others} as_is. Its
     prior is every [S is every joint] + some EACH^|S| (1 - EACH)^(m - |S|), `priors` (every, some) of its
@@ -212,7 +212,7 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
 
 
 def _each(right: Array, other: Array, every: float, some: float, none: float) -> Array:
-    """(m,) log odds that each joint is inverted: of all sets with it to all sets without, and to none."""
+    """(m,) log odds of all sets with a joint against all sets without it and the empty set."""
     either = np.logaddexp(right, other)
     others = np.log(some) + either.sum() - either
     whole = np.log(every) - len(right) * np.log(EACH) + other.sum()
@@ -234,11 +234,11 @@ def _signs(
 ) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
-    Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
-    inverted signs that of all the others. What the negation gains is that of the least favourable class, and
-    no more than what the sign is then known by; what it loses, no more than the sign is known by as it is:
-    where friction is not told from a function of the place, one log there and one back agree better with
-    one of them negated.
+    One log's commands are negated. The evidence of right signs is then that of this log inverted. That of
+    inverted signs is that of all the others inverted. The least favourable class gives the gain of the
+    negation. The gain is at most the sign's log odds after the negation; the loss is at most those before it.
+    Without these bounds, friction that looks like a function of the position favours the negation of one log:
+    one there and one back agree better then.
 
     Args:
         order: of columns that may explain the commands better than these, whatever their signs.
@@ -293,15 +293,15 @@ PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
 def _fits(evidence: JointEvidence) -> Array:
-    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class."""
+    """(m, m) log odds of column k against joint j's own column, by the least favourable class."""
     size, m = evidence.crossed.by_class(), len(evidence.joint_indices)
     diagonal = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
     return least(size, diagonal).reshape(m, m)
 
 
 def _gains(evidence: JointEvidence) -> Array:
-    """(m, m) as `_fits`, but no more than the sign of k is known by under j: what depends on the place fits
-    any joint by chance.
+    """(m, m) as `_fits`, bounded by the log odds of the sign of column k at joint j. A function of the
+    position fits any joint by chance.
     """
     right, inverted = evidence.crossed.signs()
     gains = np.minimum(_fits(evidence), np.abs(right - inverted).reshape(len(evidence.joint_indices), -1))
@@ -311,7 +311,7 @@ def _gains(evidence: JointEvidence) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ColumnOrder:
-    """The best order but the one given: the column of each moving joint (m,), odds as in `Decision`."""
+    """The best order besides the logged one: the column of each moving joint (m,), odds as in `Decision`."""
 
     columns: Index
     odds: float
@@ -334,7 +334,7 @@ class ColumnOrder:
 
 
 def order_of(evidence: JointEvidence) -> ColumnOrder | None:
-    """None where the order given is the best one."""
+    """The best other order of the columns; None where the logged order is the best."""
     gains = _gains(evidence)
     columns, odds = _assigned(gains)
     if (columns == np.arange(len(columns))).all():
@@ -348,7 +348,7 @@ def order_of(evidence: JointEvidence) -> ColumnOrder | None:
 
 
 def _assigned(gains: Array) -> tuple[Index, float]:
-    """The columns (m,) of most gain, and their log odds."""
+    """The assignment of columns (m,) with the largest gain, and its log odds."""
     from scipy.optimize import linear_sum_assignment
 
     columns, m = np.asarray(linear_sum_assignment(-gains)[1]), len(gains)
@@ -360,7 +360,7 @@ def _assigned(gains: Array) -> tuple[Index, float]:
 def _exchanged(
     evidence: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
-    """Exchanged columns, if the halves of every log, judged by themselves, say so together."""
+    """Exchanged columns, if both halves of the logs support the exchange together."""
     m = len(order.columns)
     joints = evidence.joint_indices
     halves = [_half_gain(logs, path, body, joints, order.columns, first) for first in (True, False)]
@@ -382,7 +382,7 @@ def _exchanged(
 def _half_gain(
     logs: Sequence[Log], path: Channel, body: Mean | None, joints: Index, order: Index, first: bool
 ) -> float:
-    """What the order gains over half of every log."""
+    """Log odds of the order in one half of every log."""
     parts = [log.take((log.t <= 0.5 * (log.t[0] + log.t[-1])) == first) for log in logs]
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
@@ -396,7 +396,7 @@ EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
 def _backwards(evidence: JointEvidence) -> float:
-    """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
+    """Log odds that the rows run backwards, with right or inverted signs, against the logs as they are."""
     as_logged = evidence.variant(AS_LOGGED)
     right, back, opposed = (
         log_sum(x, axis=1) for x in (as_logged.right, as_logged.reversed, as_logged.opposed)
@@ -407,8 +407,8 @@ def _backwards(evidence: JointEvidence) -> float:
 
 
 def _reversed(evidence: JointEvidence) -> Decision | None:
-    """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
-    but for these; where the two cannot be told apart, the question of signs names both.
+    """Rows that run backwards: inertia and weight have the right sign, friction is inverted. Inverted signs
+    look similar; where the data do not separate the two, the question on signs names both.
     """
     as_logged = evidence.variant(AS_LOGGED)
     right, inverted, back = (
@@ -449,8 +449,8 @@ class Weight:
 
 
 def weight_of(rows: FilteredRows, joints: Index) -> Weight | None:
-    """By least squares, beside the file's other torques, inertia and friction; each joint is weighed by what
-    is left of it. None without a model file, or where it has no weight.
+    """The weight in the commands by least squares, beside the file's other torques, inertia and friction. The
+    residual variance weighs each joint. None without a model file, or where the file has no weight.
     """
     if rows.torque is None or rows.static is None:
         return None
@@ -481,7 +481,7 @@ FAINT = 1e-12  # squared N m: no weight
 
 
 def _weights(evidence: JointEvidence, force: bool) -> Decision | None:
-    """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
+    """A question on an inverted weight in a joint without clear friction, or on a missing weight."""
     weight = weight_of(evidence.rows, evidence.joint_indices)
     if weight is None:
         return None

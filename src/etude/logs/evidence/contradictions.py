@@ -31,7 +31,7 @@ ODDS, MOST_JOINTS = 150.0, 0.75
 
 def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
     """The log that one model explains worst with the others, and by joint (m,) the log odds of a model of its
-    own; None where no log is odd, or most joints go a short way in one.
+    own. None where no log is odd, or most joints move little in one of them.
 
     Args:
         logs: with positions `path` and commands on them, whose signs, order and clocks are right.
@@ -54,7 +54,7 @@ def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
 
 
 def _far_in_each(rows: FilteredRows) -> Mask:
-    """(k,) sliding joints, and turning ones that go far in every log: in a short way all is of the place."""
+    """(k,) sliding joints, and turning ones that move far in every log: near one pose any term fits."""
     ways = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
     turns = np.array([unit == "rad" for unit in rows.units])
     return np.asarray(~turns | (np.min(ways, axis=0) > SMALL_WAY))
@@ -69,7 +69,7 @@ def _clear(gains: Array) -> bool:
 
 
 def _of_halves(log: Log, path: Channel, joints: Index) -> Array:
-    """(m,) what halves of a log gain by models of their own, 0 at least."""
+    """(m,) log odds of separate models of a log's halves against one model; at least 0."""
     first = log.t <= 0.5 * (log.t[0] + log.t[-1])
     rows = rows_of([log.take(first), log.take(~first)], path)
     if rows is None or len(np.unique(rows.log)) < 2:
@@ -89,8 +89,8 @@ class _Difference:
     """How a log differs from others by the model file; odds of -inf where nothing shows.
 
     Attributes:
-        kg: more at its last link; None where the masses of links differ. factor: of its friction; None where
-            it does not differ; 0 where joints differ.
+        kg: additional load at its last link; None where the masses of links differ.
+        factor: of its friction; None where it does not differ; 0 where the joints' factors differ.
     """
 
     odds: float
@@ -115,10 +115,10 @@ class _Difference:
 def contradiction(
     logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str], old: int = 0
 ) -> Finding | None:
-    """The finding that a log is of another robot than the others by the model file; None of none.
+    """The finding, by the model file, that a log is of another robot; None if all agree.
 
     Args:
-        old: how many of them, the first, are not doubted.
+        old: number of accepted logs, which come first.
     """
     rows = None if body is None or len(logs) < 2 else rows_of(logs, path, body)
     if rows is None or body is None or not isinstance(body, SupportsVariations):
@@ -141,7 +141,7 @@ def contradiction(
 
 
 def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body: Mean) -> list[_Difference]:
-    """Of each of the doubted logs."""
+    """The difference of each doubted log from the others."""
     step = float(np.median(np.diff(rows.t)))
     rows = rows.take(np.arange(0, len(rows.t), max(1, round(ROWS_APART / step))))
     joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
@@ -158,7 +158,7 @@ def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body
 
 
 def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Difference:
-    """Of one change. alike: (k,) joints whose speeds compare: slow ones stick, and rub less or more."""
+    """The difference in one change. alike: (k,) joints with comparable speeds; friction depends on the speed."""
     (load, kg), masses = evidence.load(which), evidence.masses(which)
     odds, factor = evidence.friction(which)
     differ = alike & (odds >= LIKELY) & ((factor > FACTOR) | (factor < 1.0 / FACTOR))
@@ -171,7 +171,7 @@ def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Differenc
 
 
 def _in_common(factor: Array) -> float:
-    """The median of factors (k,); 0 where they are not alike."""
+    """The median of factors (k,); 0 where they differ."""
     middle = float(np.median(factor))
     return middle if (np.abs(factor - middle) < ALIKE * middle).all() else 0.0
 
@@ -192,7 +192,7 @@ def contradicting(sources: Sequence[str], odd: int, numbers: Sequence[int], fact
 
 
 def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequence[str]) -> Finding | None:
-    """The finding that logs are not of one robot; None of none."""
+    """The finding that logs are not of one robot; None if one model explains them."""
     outlier = odd_log(logs, path)
     if outlier is None:
         return None
@@ -252,11 +252,11 @@ class _Cut:
 
 
 def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
-    """The likeliest change within a log, whatever its signs, orders and delays; None of none.
+    """The likeliest change within a log, whatever its signs, order and delay; None without a change.
 
     Args:
         log: with positions `path` and commands on them.
-        body: what a model file says of the commands by itself; None without one.
+        body: the model file's prediction of the commands; None without a file.
     """
     rows = rows_of([log], path, body)
     if rows is None or len(rows.t) < 2 * LEAST_ROWS:
@@ -272,7 +272,7 @@ def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
 
 
 def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
-    """s of the stretches about times at which a log is cut; the first and the last part are twice as long."""
+    """Intervals (s) around the times at which a log is cut; the first and the last part are twice as long."""
     start, step = float(rows.t[0]), float(np.ptp(rows.t)) / (count + 1)
     return [(start + (k - 0.5) * step, start + (k + 0.5) * step) for k in range(1, count + 1)]
 
@@ -295,7 +295,7 @@ def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
 
 
 def _submatrix(whole: Callable[[Point], Array], out: slice, point: Point) -> Array:
-    """The covariance of the rows without some that are next to each other; blocks are copied, not rows."""
+    """The covariance without the consecutive rows `out`; whole blocks are copied."""
     K = whole(point)
     n, m = len(K), len(K) - (out.stop - out.start)
     blocks = ((slice(0, out.start), slice(0, out.start)), (slice(out.stop, n), slice(out.start, m)))
@@ -307,8 +307,8 @@ def _submatrix(whole: Callable[[Point], Array], out: slice, point: Point) -> Arr
 
 
 def _gains(cut: _Cut) -> tuple[Array, Array]:
-    """(k,) each: what the commands negated after the cut gain, and a model of its own there; 0 of joints that
-    have no say.
+    """(k,) each: log odds of negated commands after the cut, and of a separate model there; 0 for joints that
+    do not count.
     """
     rows, joints, covariance = cut.rows, cut.joint_indices, cut.covariance
     turned = np.where(cut.after[:, None], -1.0, 1.0) * rows.command[..., AS_LOGGED]
@@ -331,7 +331,7 @@ def _both_ways(qd: Array) -> Mask:
 
 
 def _sign_change(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
-    """Of one joint or several at one time."""
+    """The change of sign of one joint or several at one time."""
     each = _above_usual(np.array(gains)) - np.log(len(gains[0]))
     total = np.maximum(each, 0.0).sum(axis=1)
     best = int(total.argmax())
@@ -362,7 +362,9 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
 
 
 def _goes_on(q: Array, some: Mask) -> Mask:
-    """(k,) whether joints go a part of their way (n, k) in some rows: a start from rest is another motion."""
+    """(k,) whether joints cover a part of their range (n, k) in some rows. A start from rest is another
+    motion.
+    """
     return np.asarray(np.ptp(q[some], axis=0) > SOME_WAY * np.ptp(q, axis=0))
 
 
@@ -378,12 +380,12 @@ def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | Non
 
 
 def _above_usual(gains: Array) -> Array:
-    """Gains (c, ...) of the cuts over the median of all: what any cut gains is a fault of the model."""
+    """Gains (c, ...) of the cuts above the median of all: a gain of every cut is an error of the model."""
     return np.asarray(gains - np.maximum(np.median(gains, axis=0), 0.0))
 
 
 def _span(spans: Sequence[tuple[float, float]], total: Array) -> tuple[float, float]:
-    """s between which the change is: the cuts that gain at least half as much as the best."""
+    """Interval (s) of the change: the cuts with at least half of the largest gain."""
     near = np.flatnonzero(total >= 0.5 * total.max())
     return spans[int(near[0])][0], spans[int(near[-1])][1]
 

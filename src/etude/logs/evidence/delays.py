@@ -35,8 +35,8 @@ def delays(evidence: JointEvidence, by: float = 0.0) -> Array:
 
 
 def agreed(longer: Array, shorter: Array) -> float:
-    """Log odds of a delay to another one from evidences (m, c): by class, of joints without that which says
-    most. All joints have one clock: what one of them says alone is of its friction or its gear.
+    """Log odds of one delay against another from evidences (m, c), by class, without the most decisive joint.
+    All joints share one clock: a delay in a single joint is its friction or its gear.
     """
     each = least(longer, shorter)
     return float(each.sum() - (each.max() if len(each) > 1 else 0.0))
@@ -47,8 +47,8 @@ def at_edge_of(evidence: JointEvidence) -> bool:
 
 
 def in_step(evidence: JointEvidence, shifted: Callable[[float], JointEvidence]) -> float:
-    """s by which the commands of new logs fit the motion best, at one of the delays that are tried or between
-    them; 0 where that is not certain, or at an end.
+    """The best delay (s) of the commands of new logs, at a point of the grid or between two; 0 where it is
+    uncertain or at an end of the grid.
     """
     total = delays(evidence)
     best = int(total.argmax())
@@ -67,10 +67,10 @@ LEAST_LEFT = 1e-3  # of what a fit leaves at the best delay tried, by a parabola
 
 
 def _between(evidence: JointEvidence, best: int) -> tuple[float, float]:
-    """A delay about the best one that is tried, s, and about what it gains in log odds.
+    """Refined delay (s) around the best grid point by a parabola, and its gain in log odds.
 
-    What a fit leaves of a command is a parabola in a small shift, in which the command is linear. The
-    evidence falls with half its logarithm for each row.
+    The residual variance of a command is quadratic in a small shift, since the command is linear in it. The
+    log evidence is minus half the logarithm of that variance for each row.
     """
     n, near = len(evidence.rows.t), slice(best - 1, best + 2)
     whole = evidence.columns.whole().reshape(len(evidence.joint_indices), -1)[:, near]
@@ -112,7 +112,7 @@ class Clock:
 
     @property
     def excludes_delays(self) -> bool:
-        """Whether short delays explain the commands better than longer ones, whatever is likely before."""
+        """Whether short delays explain the commands better than longer ones, without the prior."""
         total = delays(self.evidence) + DELAY_PRIOR * np.abs(DELAYS)
         short = np.abs(DELAYS) < LEAST_DELAY
         return float(total[short].max() - total[~short].max()) >= LIKELY
@@ -133,7 +133,7 @@ class Clock:
 
 
 def out_of_step(logs: Sequence[Log], path: Channel, fresh: Sequence[int]) -> tuple[int, ...]:
-    """The new logs whose delay is judged together: all, or those few that are late while others are not."""
+    """The new logs that share one delay: all of them, or the few that are late while the others are not."""
     delay_by_log = {i: _log_delay(logs[i], path) for i in fresh[-MOST_GROUPS:] if len(fresh) > 1}
     late = {i: best for i, (best, odds) in delay_by_log.items() if odds >= SHIFT}
     if not late:
@@ -145,7 +145,7 @@ def out_of_step(logs: Sequence[Log], path: Channel, fresh: Sequence[int]) -> tup
 
 
 def _log_delay(log: Log, path: Channel) -> tuple[int, float]:
-    """Of one log: which of DELAYS is likeliest, and its log odds to the likeliest short one."""
+    """Index of a log's likeliest delay in DELAYS, and its log odds against the likeliest short one."""
     rows = rows_of([log], path)
     if rows is None or not rows.moving.any():
         return AS_LOGGED, 0.0
@@ -165,7 +165,7 @@ def _likeliest(each: Array) -> tuple[int, float]:
 
 
 def _likeliest_short(total: Array, best: int) -> tuple[int, float]:
-    """By evidences (d,): which short delay is likeliest, and the log prior odds of the delay `best` to it."""
+    """Index of the likeliest short delay by evidences (d,), and the log prior odds of `best` to it."""
     near = int(np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total).argmax())
     return near, DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
 
@@ -179,9 +179,9 @@ MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a de
 def far_delay(
     evidence: JointEvidence, shifted: Callable[[float], JointEvidence], fresh: Sequence[int]
 ) -> Decision | None:
-    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
-    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
-    is a question, and nothing is shifted unasked.
+    """The delay beyond the grid of the rows, by a coarse search and a fine one. None at an end of the
+    search, or where signs are wrong at that delay: many delays fit a periodic motion. The result is
+    therefore a question, never an automatic shift.
     """
     direction = float(np.sign(DELAYS[int(delays(evidence).argmax())]))
     best, delayed, at = 0.0, evidence, AS_LOGGED
@@ -201,13 +201,13 @@ def far_delay(
 
 
 def shifted_log(log: Log, late: float) -> Log:
-    """The log with the commands of so many s later; at the ends the last ones."""
+    """The log with the commands of `late` s later; the ends repeat the outermost ones."""
     command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
     return log.put(command, resample(log.t, log[command.name], log.t + late))
 
 
 def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> Decision | None:
-    """Commands of the new logs before or behind the motion, alike in all joints: shifted, or asked about.
+    """The delay or lead of the new logs' commands, common to all joints: a note or a question.
 
     Args:
         clock: where nothing that friction does in a turn has a say. It decides; a short log has little more
@@ -229,6 +229,6 @@ def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> De
 
 
 def _odds_of(evidence: JointEvidence, best: int) -> float:
-    """Log odds of one of DELAYS to the likeliest short one, by what the joints agree on."""
+    """Log odds of one of DELAYS against the likeliest short one, by the agreement of the joints."""
     near, prior = _likeliest_short(delays(evidence), best)
     return agreed(*(evidence.variant(i).by_class() for i in (best, near))) + prior

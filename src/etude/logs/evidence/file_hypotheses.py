@@ -44,12 +44,11 @@ class Zero(NamedTuple):
 
 
 def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tuple[Finding, ...]:
-    """What the model file says of the logs together: a question, a sentence, or nothing.
+    """Findings of the model file on all logs together.
 
     Args:
-        logs: with positions `path` and commands on them that are forces; the others are settled. The last one
-            is new.
-        body: what the model file says of the commands by itself; None without one.
+        logs: with positions `path` and forces as commands on them; all but the last are accepted already.
+        body: the model file's prediction of the commands; None without a file.
     """
     fit = file_fit(logs, path, body)
     if fit is None:
@@ -110,7 +109,7 @@ def fit_of(rows: FilteredRows | None, path: Channel, body: Mean) -> FileFit | No
 
 @dataclass(frozen=True, eq=False)
 class FileFit:
-    """Rows, the joints whose commands have a say, and what a file says of them.
+    """Rows, the joints whose commands count, and the model file.
 
     Attributes:
         joint_indices: (m,) of those joints.
@@ -160,8 +159,7 @@ class FileFit:
     def _bases(self) -> dict[int, Array]:
         """By joint, an orthonormal basis (n, p) of what only its command has: a constant, inertia, friction.
 
-        Friction in all forms: where it turns round over a distance, or holds a joint that stands, it looks
-        like a weight.
+        All forms of friction are included: presliding and static friction look like a weight.
         """
         rows, bases = self.rows, {}
         for j in self.joint_indices.tolist():
@@ -172,11 +170,11 @@ class FileFit:
         return bases
 
     def _residual(self, j: int, values: Array) -> Array:
-        """Values (n, ...) less what only command j has."""
+        """Residual of values (n, ...) after the regression on the basis of joint j."""
         return np.asarray(values - self._bases[j] @ (self._bases[j].T @ values))
 
     def _direction(self, j: int, torque: Array) -> Array:
-        """(n,) of unit length: a torque (n,) less what only command j has; 0 where nothing is left."""
+        """(n,) unit vector of the residual of a torque (n,) at joint j; 0 without one."""
         left = self._residual(j, torque)
         size = float(np.linalg.norm(left))
         return left / size if size > SAME * float(np.linalg.norm(torque)) else np.zeros_like(left)
@@ -194,8 +192,8 @@ class FileFit:
         return self._likelihood(self.shared(columns, self.rows.torque)[0])
 
     def shared(self, columns: Array, torque: Array) -> tuple[Array, Array]:
-        """What is left of each command (m,) and the weights (p,) of columns (n, k, p) that all joints share,
-        beside a torque (n, k) and what is a joint's own.
+        """Residual variance of each command (m,) and weights (p,) of columns (n, k, p) common to all joints,
+        beside a torque (n, k) and each joint's own basis.
         """
         parts = [self._residuals(j, torque[:, j], columns[:, j]) for j in self.joint_indices.tolist()]
         left = np.array([float((y**2).mean()) for y, _ in parts])
@@ -208,14 +206,14 @@ class FileFit:
         return left, np.asarray(coefficients)
 
     def _residuals(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
-        """Command and columns in deviations of the command, less what is the joint's own."""
+        """Residuals of the command and the columns at joint j, in standard deviations of the command."""
         command = self.rows.command[:, j, AS_LOGGED]
         y, X, F = self._residual(j, command), self._residual(j, columns), self._direction(j, torque)
         return (y - F * (F @ y)) / command.std(), (X - np.outer(F, F @ X)) / command.std()
 
 
 def zero_of(fit: FileFit) -> Zero | None:
-    """The joint whose zero is likeliest off; None where centres of mass that are off explain as much."""
+    """The joint with the likeliest zero offset; None where wrong centres of mass explain as much."""
     from scipy.optimize import minimize_scalar
 
     k = fit.rows.q.shape[1]
@@ -241,8 +239,8 @@ def zero_of(fit: FileFit) -> Zero | None:
 def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
     """Joints whose positions and commands are both inverted against the file, and their log odds; () if none.
 
-    Such a joint alone looks right: what couples it to the others has the other sign. One after the other is
-    turned, the best first, as long as centres of mass that are off do not explain as much.
+    Such a joint alone looks right; only its coupling to the others has the other sign. A greedy search turns
+    one joint after the other, as long as wrong centres of mass do not explain as much.
     """
     k = fit.rows.q.shape[1]
     assert fit.rows.torque is not None
@@ -266,8 +264,8 @@ CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms ha
 
 
 def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
-    """A clock that no velocity shows: what commands hold of accelerations and squared velocities, beside the
-    weight, is the square of its factor times what the model file gives.
+    """A wrong clock in a log without velocities: the inertial part of the commands is the square of the
+    clock's factor times that of the model file.
     """
     fit = None if measured_rates(log, path) else file_fit([log], path, body)
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
@@ -287,8 +285,8 @@ LEFT = 0.5  # of what the file's gravity leaves
 
 
 def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> bool:
-    """Whether commands hold a weight, but in another direction than the file's: the base leans, and nothing
-    was taken out.
+    """Whether commands contain a weight in another direction than the file's: the base is tilted, and no
+    gravity compensation was subtracted.
     """
     fit = file_fit(logs, path, body)
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
@@ -301,7 +299,7 @@ def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> b
 
 
 def _slope(fit: FileFit, i: int) -> Array:
-    """(n, k) what commands change by, for each rad that position i reads too much."""
+    """(n, k) change of the commands for each rad of offset of position i."""
     step = STEP * (np.arange(fit.rows.q.shape[1]) == i)
     return (fit.torque(step) - fit.torque(-step)) / (2.0 * STEP)
 
@@ -321,8 +319,8 @@ def _masses(fit: FileFit) -> float:
 def positions_odds(
     rows: FilteredRows, joints: Index, path: Channel, body: Mean, columns: Index, signs: Array
 ) -> float:
-    """Log odds that the positions of joints stand in other columns (k,) with other signs (k,), against the
-    same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
+    """Log odds that the positions, not the commands, have other columns (k,) and other signs (k,). One joint
+    alone cannot separate the two; the weights on other joints do.
     """
     back = np.argsort(columns)
     moved = rows.with_joints(back, signs[back])

@@ -24,7 +24,7 @@ MOST = 1000.0  # log odds that are written out
 def finding_of(
     decision: Decision, parts: Sequence[str], sources: Sequence[str], old: Sequence[Log] = ()
 ) -> Finding:
-    """What a decision that is not silent says.
+    """The finding of a decision that is not silent.
 
     Args:
         parts: names of the joints.
@@ -49,7 +49,7 @@ def finding_of(
 
 
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """What a silent decision says of delay, order and signs."""
+    """The findings of a silent decision on delay, order and signs."""
     if not decision.moving.any():
         fact = "Too little motion to tell whose a command is, its sign or its delay."
         return [Finding(COMMANDS, "cannot tell", fact)]
@@ -74,7 +74,7 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
 
 
 def _order_stands(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """That no other order fits better; of joints whose signs are not told an exchange is not told either."""
+    """The finding on the order. Joints whose signs are unknown may also be exchanged."""
     silent = np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY))
     if decision.moving.sum() < 2:
         return []
@@ -139,7 +139,7 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
 
 
 def _of_positions(decision: Decision, parts: Sequence[str], where: str) -> Finding:
-    """By the weights on the other joints, which the model file gives."""
+    """The finding that positions are wrong, by the model file's weights on the other joints."""
     by = np.array(decision.by)
     wrong = np.asarray(by < 0.0 if decision.check == SIGN else by != np.arange(len(by)))
     what = "have the wrong sign" if decision.check == SIGN else "are exchanged"
@@ -156,7 +156,7 @@ def _of_positions(decision: Decision, parts: Sequence[str], where: str) -> Findi
 
 
 def _or_positions(decision: Decision, names: str) -> str:
-    """That a fault of the positions looks the same, unless a model file tells."""
+    """The note that an error of the positions looks the same, unless a model file decides."""
     if decision.positions <= -CERTAIN:
         return ""
     return f" A fault of the positions of {names} would look the same."
@@ -172,7 +172,7 @@ OTHERS = {
 
 
 def _settled(decision: Decision, parts: Sequence[str]) -> str:
-    """What would settle it; a model file with masses only where none was there."""
+    """The next step that decides; a model file is named only where none was used."""
     if decision.why == "time":
         other = "" if decision.positions else ", or a model file with masses,"
         return f"A log with velocities{other} settles it"

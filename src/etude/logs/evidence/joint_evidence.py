@@ -1,4 +1,4 @@
-"""A decision on logs that were judged together, and the evidence of their moving joints behind it."""
+"""A decision on several logs together, and the evidence of their moving joints."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ MOST_GROUPS = 12  # logs that may differ from the others, of the newest
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What is believed of logs that were judged together; k joints.
+    """The result of the checks on several logs together; k joints.
 
     Attributes:
-        level: certain: refused unless put right; ask: a question; note: put right and said; silent.
-        check: what it is about; "" of a silent one.
+        level: certain: refused unless repaired; ask: a question; note: repaired with a note; silent.
+        check: its name; "" of a silent one.
         logs: which of the logs it is about; orders, directions and weights are judged of new ones.
         by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
         odds: log odds against the logs as they are. ahead: against the next best decision.
         sign_odds: (k,) log odds of the right sign to the inverted one, of the commands as they are.
-        moving, strange: (k,) joints that have a say, and those that no sign explains.
-        why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
+        moving, strange: (k,) joints that count, and those that no sign explains.
+        why: what decides a sign, or explains the data equally well: "weight" of the model file, "time" that
             runs backwards, another "order". "late" of a silent one whose commands may be late.
         positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
             no model file tells.
@@ -51,7 +51,7 @@ class Decision:
 
     @property
     def clear(self) -> bool:
-        """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
+        """Whether it is far ahead of every other decision; otherwise nothing is repaired."""
         return self.ahead >= CLEAR
 
 
@@ -60,7 +60,7 @@ class JointEvidence:
     """The evidence of moving joints `joint_indices` (m,), computed on demand.
 
     Attributes:
-        orders: whether other orders of the columns are looked at.
+        orders: whether other orders of the columns are evaluated.
     """
 
     rows: FilteredRows
@@ -70,7 +70,7 @@ class JointEvidence:
 
     @classmethod
     def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
-        """None of rows that are too few, or where nothing moves."""
+        """None if the rows are too few, or nothing moves."""
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         joints = np.flatnonzero(rows.moving)
@@ -82,7 +82,7 @@ class JointEvidence:
 
     @cached_property
     def without_turns(self) -> JointEvidence:
-        """Of the delays alone, in rows where nothing that friction does in a turn has a say."""
+        """The evidence of the delays alone, in the rows without reversals, where stiction plays no part."""
         rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
         return JointEvidence(
             rows, self.joint_indices, WhitenedMotion.of_clock(rows, self.joint_indices), orders=False
@@ -118,7 +118,7 @@ class JointEvidence:
         return np.asarray(filled)
 
     def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
-        """variant: of the commands, in which strange joints are looked for."""
+        """variant: of the commands, in which strange joints are searched."""
         right, inverted = self.variant(AS_LOGGED).signs()
         sign_odds = self.over(right - inverted, 0.0)
         strange = self.over(self.variant(variant).strange(), False)
