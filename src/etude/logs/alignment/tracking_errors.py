@@ -46,7 +46,7 @@ EDGE, BEYOND = 2.0, 4.0
 """Times the band: inside of which an error has settled, as motions leave more here and less there; and which
 a start must reach. One that does not may be chance, and counts: margins have factors of 1.5 to 3 for it.
 """
-ASKED = 1.0 / EDGE
+SIMILAR_RATES = 1.0 / EDGE
 """Part of what the start asks of each coordinate, in speed and acceleration, that the rest must ask too: a
 joint that moves at first and then stands has no transient, but a motion.
 """
@@ -62,7 +62,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """By form of motion (ORDERS, k) the largest |measured - asked| of position, velocity, acceleration, and
+    """By form of motion (ORDERS, k) the largest |measured - planned| of position, velocity, acceleration, and
     the start transient that is not in them; None where there is none.
     """
 
@@ -123,10 +123,10 @@ def _settled(t: Array, sizes: Array, trajectory: Trajectory) -> float:
 
 
 def _stays_as_fast(t: Array, before: Mask, trajectory: Trajectory) -> bool:
-    """Whether the rest of the motion asks of each coordinate about what its start does."""
+    """Whether the later motion is about as fast as the start, in each coordinate."""
     planned_rates = np.abs(trajectory.motion(t, ORDERS).orders[1:])
     first, later = planned_rates[:, before].max(axis=1), planned_rates[:, ~before].max(axis=1)
-    return bool(np.all(later >= ASKED * first))
+    return bool(np.all(later >= SIMILAR_RATES * first))
 
 
 def _orders(t: Array, error: Array) -> Array:

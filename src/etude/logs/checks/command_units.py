@@ -15,7 +15,9 @@ from etude.types import Array, Finding, Mask
 
 SCALE = "scale"
 FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
-MOST_OWN = 30.0  # times the file's torque that rotors and friction may take: those of right logs took 4 to 14
+MOST_UNMODELLED = (
+    30.0  # times the file's torque that rotors and friction may take: those of right logs took 4 to 14
+)
 FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
 STEP = 0.03  # of a joint's top speed, over which friction changes its sign
 UNITS = {
@@ -40,7 +42,7 @@ def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
     slope, like = slopes(motion.command, torque)
     size = torque.std(axis=0)
     comparable = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(motion.q)
-    high = comparable & (slope > SLOPE) & (slope < MOST_OWN)
+    high = comparable & (slope > SLOPE) & (slope < MOST_UNMODELLED)
     if high.any():  # a unit shows beside what is the joint's own; on a circle that follows the file's torque
         beside, follows = slopes(*_partial_residuals(motion, torque))
         comparable &= ~high | ((beside > SLOPE) & (follows > FOLLOWS))
@@ -56,8 +58,8 @@ def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
 
 
 def _partial_residuals(motion: Seen, torque: Array) -> tuple[Array, Array]:
-    """(n, k) command and torque less what a constant, inertia and friction of the joint's own explain: a file
-    need hold neither rotors nor friction.
+    """(n, k) residuals of command and torque after the regression on a constant, inertia and friction. A
+    model file need contain neither rotors nor friction.
     """
     assert motion.command is not None
     command, predicted = motion.command.copy(), torque.copy()

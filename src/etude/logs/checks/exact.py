@@ -201,7 +201,7 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
 TURN_RAD, TURN_DEGREES = 2.0 * math.pi, 360.0
 OF_A_TURN = 0.02  # by which a step may miss one turn
 MOSTLY_AGAINST = 0.8  # of the speeds at jumps; where a joint is slow, noise has a sign too
-ONCE = 1.05  # turns: a joint that reaches further may turn on and on
+ENDLESS_TURNS = 1.05  # turns: a joint with a wider range may turn endlessly
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +260,7 @@ def _wrapped(numbers: Numbers) -> Iterator[Finding]:
         facts.append(f"{named(numbers.parts, wrap)}: {times} jump{'s'[: times > 1]} of one turn")
     if far.any():
         facts.append(f"{named(numbers.parts, far)}: whole turns outside of the limits")
-    endless = np.isfinite(numbers.reach) & (numbers.reach > ONCE * TURN_RAD)
+    endless = np.isfinite(numbers.reach) & (numbers.reach > ENDLESS_TURNS * TURN_RAD)
     if times and (endless | turns.opposed)[wrap].all():
         findings = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
     else:
@@ -461,7 +461,7 @@ def _beside_late(numbers: Numbers) -> Mask:
 
 def _predicted_steps(increments: Array, dt: Array, by_velocity: Array | None) -> Array:
     """The best predictor of a joint's steps `increments` (T-1,) over the times `dt` (T-1,) of the stamps: its
-    velocity, or the mean speed around. Where stamps show a gap nothing is lost.
+    velocity, or the mean speed around. A gap in the stamps is no loss of rows.
     """
     predictors = [] if by_velocity is None else [by_velocity]
     for count in AROUND:

@@ -26,7 +26,7 @@ LEAST_ROWS = 8  # of a stretch that can be filtered
 WILD = 10.0  # times the step that 99 % of the rows stay below: there and back again is no motion
 NO_MOTION = 1e-9  # rad or m: positions that differ by less are the same
 ABOVE = 4.0  # times the noise: a filtered position that varies by less does not move
-SHAKEN = 0.005  # of the widest way in its unit, 1 rad or m at most: who goes less far is shaken by others
+SHAKEN = 0.005  # of the largest travel in its unit, 1 rad or m at most: a smaller one is vibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
 
 
 def _widest(travel: Array, path: Channel) -> Array:
-    """(k,) for each coordinate the longest path of all coordinates in its unit."""
+    """(k,) for each coordinate the largest travel of all coordinates in its unit."""
     return np.array(
         [max(w for w, u in zip(travel, path.units, strict=True) if u == unit) for unit in path.units]
     )
@@ -123,14 +123,14 @@ def states_of(t: Array, path: Channel, q: Array, qd: Array, qdd: Array) -> Log:
     return log
 
 
-LEAST_WAY = 0.04  # rad or m: a joint that goes less far is shaken by others
-LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many rad or m
+LEAST_TRAVEL = 0.04  # rad or m: a smaller motion is vibration from other joints
+LEAST_SHARE, WIDEST = 0.03, 2.0  # of the largest travel, which counts up to WIDEST rad or m
 
 
 def goes_far(q: Array) -> Mask:
-    """(k,) whether positions q (n, k) vary by enough to judge the joint's commands."""
+    """(k,) whether positions q (n, k) vary by enough to test the joint's commands."""
     travel = np.ptp(q, axis=0)
-    return np.asarray(travel > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(travel.max()), WIDEST)))
+    return np.asarray(travel > np.maximum(LEAST_TRAVEL, LEAST_SHARE * min(float(travel.max()), WIDEST)))
 
 
 def noise(q: Array) -> Array:

@@ -46,7 +46,7 @@ def judge_motion(
         channels: the robot's.
         limits: lower and upper (parts,) by channel.
         usual: Hz at which the robot is logged.
-        motion: what is seen of it, if that is known already.
+        motion: the filtered motion, if it is computed already.
     """
     if motion is None and path in log:
         motion = seen(log, log.channels[path])
@@ -82,9 +82,9 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
     """Unit of the commands, of a log whose clock and order are right; None where they act on no joint.
 
     Args:
-        body: what a model file says of the commands, by itself.
+        body: the model file's prediction of the commands.
         limit: (J,) how far each command reaches.
-        motion: what is seen of it, if that is known already.
+        motion: the filtered motion, if it is computed already.
     """
     motion, path = motion or commanded(log), joints(log)
     if motion is None or path is None or motion.command is None:
@@ -184,7 +184,7 @@ WILD = 5.0  # times the second difference that 99 % of the rows stay below: nois
 RARE = 0.01  # of the steps may be further than the limits allow: with more, the limits are another vehicle's
 MOST_JUMP_ROWS = 4  # rows that a jump may touch, however short the log is
 BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
-SPARE_S = 0.1  # left out to either side, or as much as makes a pause
+MARGIN_S = 0.1  # left out to either side, or as much as makes a pause
 NAMED = 5  # spans in a sentence; the rest are counted
 
 
@@ -205,7 +205,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     marked = np.asarray((excess != 0.0).any(axis=1))
     if not marked.any() or marked.sum() > max(RARE * len(marked), MOST_JUMP_ROWS):
         return Finding(JUMP, "green", "No position jumps.")
-    margin = max(SPARE_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
+    margin = max(MARGIN_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
     spans = _jump_spans(t, marked, margin)
     parts = log.channels[path].parts
     sentences = [_jump_sentence(t, excess, parts, span) for span in spans[:NAMED]]
@@ -246,8 +246,8 @@ def _beside(t: Array, rate: Array, wild: Mask, k: int) -> float:
 
 
 def _whole(step: Array, t: Array, k: int) -> float:
-    """m that the steps within `SPARE_S` of step k make: a jump may be drawn out by interpolation."""
-    low, high = np.searchsorted(t[:-1], [t[k] - SPARE_S, t[k] + SPARE_S])
+    """m that the steps within `MARGIN_S` of step k make: a jump may be drawn out by interpolation."""
+    low, high = np.searchsorted(t[:-1], [t[k] - MARGIN_S, t[k] + MARGIN_S])
     return max(abs(float(step[int(low) : int(high)].sum())), abs(float(step[k])))
 
 

@@ -63,7 +63,7 @@ def rate_finding(motion: Seen, rate: float, usual: float | None = None) -> Findi
     """Findings of the logged velocities.
 
     Args:
-        rate: Hz of the log. usual: Hz at which the robot is logged, which tells 57 times from 60 times.
+        rate: Hz of the log. usual: Hz at which the robot is logged; it separates factors of 57 and 60.
     """
     slopes = Slopes.of(motion)
     if slopes is None:
@@ -100,7 +100,7 @@ def _common(motion: Seen, slopes: Slopes, finite: Mask, rate: float, usual: floa
 
 
 def clock_finding(scale: float, fact: str) -> Mendable:
-    """Times that have to be divided by `scale`, and what shows it."""
+    """Finding of times that have to be divided by `scale`, with the evidence `fact`."""
     pace = f"{scale:g} times too slow" if scale > 1.0 else f"{1.0 / scale:g} times too fast"
     return Mendable(
         TIME,
@@ -183,7 +183,7 @@ def _alone(motion: Seen, slopes: Slopes, finite: Mask) -> Finding:
 
 
 def _of_degrees(beta: Array) -> str:
-    """What is said where all factors are that of degrees."""
+    """The sentence if all factors are that of degrees."""
     if (np.abs(np.log(np.abs(beta) * DEGREES)) < MATCH).all():
         return " The position looks like degrees: state the unit in its header (q_elbow [deg])."
     if (np.abs(np.log(np.abs(beta) / DEGREES)) < MATCH).all():

@@ -20,7 +20,7 @@ from etude.logs.checks.filtered_motion import goes_far
 from etude.logs.checks.finding_texts import Doubt, accepted, named
 from etude.logs.evidence.changed_parameters import ChangeEvidence
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
-from etude.logs.evidence.likelihood import FEW, SMALL_WAY, Point, WhitenedMotion, covariances, log_sum
+from etude.logs.evidence.likelihood import FEW, SMALL_TRAVEL, Point, WhitenedMotion, covariances, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -55,9 +55,9 @@ def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
 
 def _far_in_each(rows: FilteredRows) -> Mask:
     """(k,) sliding joints, and turning ones that move far in every log: near one pose any term fits."""
-    ways = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
+    travels = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
     turns = np.array([unit == "rad" for unit in rows.units])
-    return np.asarray(~turns | (np.min(ways, axis=0) > SMALL_WAY))
+    return np.asarray(~turns | (np.min(travels, axis=0) > SMALL_TRAVEL))
 
 
 def _apart(rows: FilteredRows, joints: Index, log: int) -> Array:
@@ -158,7 +158,7 @@ def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body
 
 
 def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Difference:
-    """The difference in one change. alike: (k,) joints with comparable speeds; friction depends on the speed."""
+    """The difference in one change. alike: (k,) joints with comparable speeds: friction depends on them."""
     (load, kg), masses = evidence.load(which), evidence.masses(which)
     odds, factor = evidence.friction(which)
     differ = alike & (odds >= LIKELY) & ((factor > FACTOR) | (factor < 1.0 / FACTOR))
@@ -214,7 +214,7 @@ ROWS_APART = 0.2  # s, of rows of several logs
 MOST_OF = 0.8  # of what other masses gain, by a load: then it is a load
 SPEEDS = 3.0  # ratio of speeds, up to which friction compares
 ALIKE = 0.4  # of a factor of friction, by which joints may differ from it
-SOME_WAY = 0.5  # of a joint's way, before a load is taken up and after
+SOME_TRAVEL = 0.5  # of a joint's range, before a load is taken up and after
 SOME_JOINTS = 0.5  # of those that have a say: a load shows in some of them only
 Kind = Literal["sign", "load", "robot"]
 
@@ -365,7 +365,7 @@ def _goes_on(q: Array, some: Mask) -> Mask:
     """(k,) whether joints cover a part of their range (n, k) in some rows. A start from rest is another
     motion.
     """
-    return np.asarray(np.ptp(q[some], axis=0) > SOME_WAY * np.ptp(q, axis=0))
+    return np.asarray(np.ptp(q[some], axis=0) > SOME_TRAVEL * np.ptp(q, axis=0))
 
 
 def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:

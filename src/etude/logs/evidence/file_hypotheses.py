@@ -28,7 +28,7 @@ SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
 AHEAD = 15.0  # log odds of an offset to centres of mass that are off
 TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are looked at, both ways
 STEP = 0.01  # rad or m: of differences
-ASKED = 0.05  # rad or m: an offset from which the log is questioned
+REPORTED_OFFSET = 0.05  # rad or m: an offset from which the log is questioned
 ZERO, REVERSED = "zero", "reversed"
 SAME, SMALLEST = 1e-6, 1e-300  # of a column: what another one leaves of it; of its length
 COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
@@ -74,7 +74,7 @@ def _zero_finding(zero: Zero, path: Channel) -> Finding:
         f"{abs(size):.2g} +- {spread:.1g} {'degrees' if turns else 'mm'} too "
         f"{'much' if size > 0.0 else 'little'} (odds e^{zero.odds:.0f} to 1)."
     )
-    if abs(zero.offset) < ASKED:
+    if abs(zero.offset) < REPORTED_OFFSET:
         return Finding(ZERO, "green", fact)
     step = f"Correct the joint's zero, on the robot or in the model file, and record again; {accepted(ZERO)}."
     return Finding(ZERO, "yellow", fact, step, flag=ZERO)

@@ -51,7 +51,7 @@ class Point(NamedTuple):
 
 LENGTHS, SPEEDS = (0.7, 2.0, 0.0), (0.1, 2.0)  # of `Point`
 CLASSES = tuple(itertools.product(LENGTHS, SPEEDS))
-"""Of processes: an evidence is that of the class that says least."""
+"""Of processes: the evidence is that of the least favourable class."""
 SIZES, ROUGH = (0.5, 2.0, 10.0), 0.02  # of `Point`
 DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))  # and memories
 RIPPLES, RIPPLE = (0.05, 0.15), 2.0  # of gears, motors and what they rub on; and its size
@@ -79,7 +79,7 @@ FEW = tuple(
 """Enough to compare models of some rows with one model of all; a right log is no odder than a tenth."""
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
-SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
+SMALL_TRAVEL = 0.3  # rad: a joint with less travel is no angle to the springs' kernel
 INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
 GRADUAL = tuple(range(TORQUE + 1, TORQUE + 1 + len(DISTANCES) + len(WIDTHS)))
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
@@ -91,13 +91,13 @@ CLOCK_TERMS = TERMS + tuple(
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
-FAR = 40.0  # nats below the best point: no say
-REACH = 25.0  # nats below the best class within which a class has a say
+FAR = 40.0  # nats below the best point: excluded
+REACH = 25.0  # nats below the best class within which a class counts
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnEvidence:
-    """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: no say.
+    """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: excluded.
 
     Attributes:
         right, inverted: of non-negative coefficients, and of an inverted command.
@@ -122,12 +122,12 @@ class ColumnEvidence:
         return np.asarray(log_sum(parts, axis=0))
 
     def strange(self) -> Mask:
-        """(p,) where neither sign explains the column, which then has no say."""
+        """(p,) where neither sign explains the column, which then counts for neither."""
         best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         return np.asarray(NEITHER + log_sum(self.free, axis=1) > best)
 
     def signs(self) -> tuple[Array, Array]:
-        """(p,) each: the evidence of right and of inverted, apart by what the least favourable class says."""
+        """(p,) each: evidence of the right and the inverted sign; their odds are of the least favourable class."""
         strange = self.strange()
         best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         level = np.where(strange, NEITHER + log_sum(self.free, axis=1), best)
@@ -141,7 +141,7 @@ class ColumnEvidence:
 
 def least(one: Array, other: Array) -> Array:
     """(p,) the log odds of one to the other (p, c) that are least in magnitude, among the classes in which
-    either is within REACH of the best; 0 where these differ in sign. What has no say is FAR below its best.
+    either is within REACH of the best; 0 where these differ in sign. Excluded classes are FAR below the best.
     """
     size = np.maximum(one, other)
     near = size > size.max(axis=1, keepdims=True) - REACH
@@ -156,7 +156,7 @@ def _filled(values: Array) -> Array:
 
 
 class _Whitened(NamedTuple):
-    """What is kept of a point: it is small. The factor (n, n) of the covariance is made again.
+    """The small stored results of a grid point. The factor (n, n) of the covariance is recomputed.
 
     Attributes:
         X: (n, k r) regressors through the factor's inverse.
@@ -173,7 +173,7 @@ class _Whitened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WhitenedMotion:
-    """What explains any commands on n rows: k joints, r regressors of each, at the points of a grid.
+    """Whitened regressors of n rows: k joints, r regressors of each, at the points of a grid.
 
     Attributes:
         odd: (n,) rows that share no model with the others, but for the size of their noise; None: all do.
@@ -200,7 +200,7 @@ class WhitenedMotion:
         return cls(rows, joints, CLOCK + (NEAR_FILE if rows.torque is not None else ()), terms=CLOCK_TERMS)
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
-        """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
+        """For each point, the lower Cholesky factor of the covariance, common to all joints and columns."""
         for i, point in enumerate(self.grid):
             L, _ = dpotrf(self._covariance(point), lower=1, clean=0, overwrite_a=1)
             if i == len(self.whitened):
@@ -353,7 +353,7 @@ def regressors(rows: FilteredRows, joints: Index, last: int = TORQUE) -> Array:
 
 
 def covariances(rows: FilteredRows) -> Callable[[Point], Array]:
-    """The covariance (n, n) of a point; what points share is computed once, where it is asked for."""
+    """The covariance (n, n) of a point; parts common to several points are computed once, on demand."""
     qd, qdd = unit(rows.qd), unit(rows.qdd)
     joints = rows.q.shape[1]
     fast = (qdd @ qdd.T + (qd @ qd.T) ** 2 / joints) / joints
@@ -376,11 +376,11 @@ def covariances(rows: FilteredRows) -> Callable[[Point], Array]:
 
 
 def _place(rows: FilteredRows, length: float) -> Array:
-    """(n, n) likeness of two places: of a chain's weights, or of springs of that length."""
+    """(n, n) kernel of two configurations: of a chain's weights, or of springs of that length."""
     chain, square = np.ones((len(rows.q), len(rows.q))), np.zeros((len(rows.q), len(rows.q)))
     for q, kind in zip(rows.q.T, rows.units, strict=True):
         apart = np.subtract.outer(q, q)
-        if length and (kind != "rad" or np.ptp(q) <= SMALL_WAY):
+        if length and (kind != "rad" or np.ptp(q) <= SMALL_TRAVEL):
             square += apart**2
         elif length:
             square += 2.0 - 2.0 * np.cos(apart)
@@ -392,7 +392,7 @@ def _place(rows: FilteredRows, length: float) -> Array:
 
 
 def _ripple(rows: FilteredRows, length: float) -> Array:
-    """(n, n) likeness of two places to a sum of functions of one joint each."""
+    """(n, n) kernel of two configurations for a sum of functions of one joint each."""
     each = (np.exp(-0.5 * (np.subtract.outer(q, q) / length) ** 2) for q in rows.q.T)
     return np.asarray(sum(each) / rows.q.shape[1])
 

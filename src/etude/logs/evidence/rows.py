@@ -82,7 +82,7 @@ class FilteredRows:
 
     @property
     def moving(self) -> Mask:
-        """(k,) joints that go far enough to have a say."""
+        """(k,) joints that move far enough to count."""
         return goes_far(self.q)
 
     def take(self, which: Index) -> FilteredRows:
@@ -103,8 +103,8 @@ class FilteredRows:
         return replace(self, gradual=gradual, stands=stands, turning=turning, **moved)
 
     def without_turns(self) -> FilteredRows:
-        """The same where any command may hold a joint that turns round: its friction says nothing there, nor
-        beside it, as far as the filter of the commands carries it.
+        """The rows with a free command around each reversal, within the reach of the commands' filter:
+        friction there is no evidence.
         """
         each = _passed(np.subtract.outer(self.t, self.t), self.cutoff)
         return replace(self, stands=tuple(each[:, slow] for slow in self.turning.T))
@@ -117,10 +117,10 @@ def rows_of(
     groups: Sequence[tuple[int, ...]] = (),
     late: Sequence[int] | None = None,
 ) -> FilteredRows | None:
-    """The rows of logs that hold positions `path` and the commands on them; None of too short ones.
+    """The rows of logs with positions `path` and the commands on them; None if all are too short.
 
     Args:
-        body: what a model file says of the commands by itself.
+        body: the model file's prediction of the commands.
         groups: logs whose commands are negated together, one variant each.
         late: logs whose commands are delayed; None: all.
     """
@@ -179,13 +179,13 @@ def _pieces(logs: Sequence[Log]) -> list[tuple[int, Log]]:
 
 
 def _spacing(pieces: Sequence[tuple[int, Log]]) -> tuple[float, float]:
-    """Rows a second, and s between the knots of what stands."""
+    """Rows a second, and s between the knots of the static friction."""
     seconds = sum(float(np.ptp(log.t)) for _, log in pieces)
     return min(MOST_RATE, MOST_ROWS / seconds), max(KNOT_S, seconds / MOST_KNOTS)
 
 
 def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]) -> Array:
-    """(n, k, d) with one variant more for each group, whose commands are negated."""
+    """(n, k, d) with one additional variant for each group, whose commands are negated."""
     turned = [
         np.where(np.isin(which, group)[:, None], -1.0, 1.0) * command[..., AS_LOGGED] for group in groups
     ]
@@ -205,7 +205,7 @@ def _cutoff(rate: float) -> float:
 
 
 def _passed(apart: Array, cutoff: float) -> Array:
-    """What the filter of the commands leaves of a moment, so many s beside it; 1 at the moment itself."""
+    """Impulse response of the commands' filter at `apart` s; 1 at 0."""
     t = np.linspace(-8.0, 8.0, 1601) / cutoff  # beyond, less than 1e-6 is left
     response = smooth(t, (t == 0.0).astype(np.float64)[:, None], cutoff, ORDER).value[:, 0]
     return np.asarray(np.interp(np.abs(apart), t, response / response.max(), right=0.0))
@@ -225,8 +225,8 @@ def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> 
 def _filtered(
     log: Log, path: Channel, body: Mean | None, rate: float, apart: float
 ) -> tuple[dict[str, Array], list[Array]]:
-    """Motion and regressors of one stretch by name, `rate` a second, without the ends of the filter; and of
-    `stands`.
+    """Motion and regressors of one stretch by name, `rate` a second, without the filter's edges; and the
+    columns `stands`.
     """
     grid, thin = _grid(log)
     cutoff = _cutoff(rate)
@@ -239,7 +239,7 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     slides = np.array([unit != "rad" for unit in path.units])
-    gradual = _turned_round(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
+    gradual = _presliding(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
     soft = np.stack([np.tanh(qd / (part * top)) for part in WIDTHS], axis=2)
     gradual = np.concatenate([gradual, soft], axis=2) - (FALL * qd / top)[:, :, None]
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
@@ -258,8 +258,8 @@ def _filtered(
     return rows, [smooth(t, hat, cutoff, ORDER).value[keep] if hat.size else hat[keep] for hat in hats]
 
 
-def _turned_round(q: Array, distances: Array) -> Array:
-    """(n, k, e) the sign of the motion of positions (n, k), approached over each of `distances` (k, e)."""
+def _presliding(q: Array, distances: Array) -> Array:
+    """(n, k, e) direction of motion of positions (n, k), approached over each of `distances` (k, e)."""
     steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
     decay = np.exp(-np.abs(steps) / distances)
     direction, value = np.sign(steps) * (1.0 - decay), np.zeros(distances.shape)
@@ -269,7 +269,7 @@ def _turned_round(q: Array, distances: Array) -> Array:
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:
-    """(n, k) where joints stay below the speeds `slow` (k,)."""
+    """(n, k) where joints stay below the speeds `slow` (k,) for STAND_S."""
     width = max(1, round(STAND_S * (len(t) - 1) / float(t[-1] - t[0])))
     beside = np.pad(qd, ((width // 2 + 1, width - 1 - width // 2), (0, 0)), "symmetric")
     total = np.cumsum(beside, axis=0)
