@@ -15,9 +15,8 @@ from etude.types import Array, Finding, Mask
 
 SCALE = "scale"
 FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
-MOST_UNMODELLED = (
-    30.0  # times the file's torque that rotors and friction may take: those of right logs took 4 to 14
-)
+# times the file's torque that rotors and friction may take: those of right logs took 4 to 14
+MOST_UNMODELLED = 30.0
 FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
 STEP = 0.03  # of a joint's top speed, over which friction changes its sign
 UNITS = {

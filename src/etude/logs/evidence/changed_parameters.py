@@ -43,14 +43,14 @@ class ChangeEvidence:
         products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
             the command, and of each change qd, friction and the links. half: (h, k) half the log determinant
             of the covariance.
-        unit: (p,) kg of the columns of links. heard: (c, k) whether a joint counts for a change.
+        unit: (p,) kg of the columns of links. informative: (c, k) whether a joint counts for a change.
     """
 
     products: Array
     half: Array
     n: int
     unit: Array
-    heard: Mask
+    informative: Mask
 
     @classmethod
     def of(
@@ -60,7 +60,7 @@ class ChangeEvidence:
         path: Channel,
         body: Mean,
         after: Array,
-        heard: Mask,
+        informative: Mask,
         most: int | None = None,
     ) -> ChangeEvidence:
         """The evidence of rows that hold the file's torque.
@@ -85,12 +85,12 @@ class ChangeEvidence:
         # what the last link carries all the time may have its centre anywhere
         carried = links[:, :, -1, :4] * _unit(rows.torque[:, joints] / size, links[:, :, -1, :4])
         products, half = _products(rows, joints, np.concatenate([X, carried, y, moved], axis=2))
-        return cls(products, half, len(rows.t), unit, heard)
+        return cls(products, half, len(rows.t), unit, informative)
 
     def _columns(self, change: int) -> tuple[list[int], int, int, list[int]]:
         """Of the joint's own columns with qd after the change, the command, friction and links after it."""
         links = len(self.unit)
-        y = self.products.shape[-1] - len(self.heard) * (2 + links) - 1
+        y = self.products.shape[-1] - len(self.informative) * (2 + links) - 1
         first = y + 1 + change * (2 + links)
         return [*range(y), first], y, first + 1, list(range(first + 2, first + 2 + links))
 
@@ -105,25 +105,26 @@ class ChangeEvidence:
 
     def friction(self, change: int) -> tuple[Array, Array]:
         """(k,) each: log odds of changed Coulomb friction against the same, and its factor."""
-        mine, y, rubbing, _ = self._columns(change)
-        mine = [i for i in mine if i not in GRADUAL]  # the factor is of Coulomb friction
-        same, other = self._evidence(mine, y), self._evidence([*mine, rubbing], y)
-        columns, every = np.array([*mine, rubbing]), np.arange(other.shape[1])
+        nuisance, y, friction, _ = self._columns(change)
+        nuisance = [i for i in nuisance if i not in GRADUAL]  # the factor is of Coulomb friction
+        same, other = self._evidence(nuisance, y), self._evidence([*nuisance, friction], y)
+        columns, every = np.array([*nuisance, friction]), np.arange(other.shape[1])
         A = self.products[..., columns[:, None], columns] + np.eye(len(columns))
         coefficients = np.linalg.solve(A, self.products[..., columns, y, None])
         coefficients = coefficients[other.argmax(axis=0), every, :, 0]
         odds = log_sum(other, axis=0) - log_sum(same, axis=0)
-        return np.where(self.heard[change], odds, 0.0), 1.0 + coefficients[:, -1] / coefficients[:, COULOMB]
+        factor = 1.0 + coefficients[:, -1] / coefficients[:, COULOMB]
+        return np.where(self.informative[change], odds, 0.0), factor
 
-    def _evidence(self, mine: list[int], y: int) -> Array:
+    def _evidence(self, nuisance: list[int], y: int) -> Array:
         """(h, k) log evidence of the commands with some columns."""
-        left, half = _without(self.products, self.half, mine, [y])
+        left, half = _without(self.products, self.half, nuisance, [y])
         return -half - 0.5 * self.n * np.log(left[..., 0, 0] / self.n)
 
     def _shared(self, change: int, which: slice) -> tuple[float, Array]:
-        mine, y, rubbing, links = self._columns(change)
-        left, half = _without(self.products, self.half, [*mine, rubbing], [y, *links[which]])
-        odds, weights = _shared(left, half, self.n, self.heard[change])
+        nuisance, y, friction, links = self._columns(change)
+        left, half = _without(self.products, self.half, [*nuisance, friction], [y, *links[which]])
+        odds, weights = _shared(left, half, self.n, self.informative[change])
         return odds, weights * self.unit[which]
 
 
@@ -157,18 +158,18 @@ def _products(rows: FilteredRows, joints: Index, columns: Array) -> tuple[Array,
     return products, half
 
 
-def _without(products: Array, half: Array, mine: list[int], targets: list[int]) -> tuple[Array, Array]:
-    """Products of the columns `targets` less what a joint's own columns `mine` explain, with a prior of unit
-    variance, and (h, k) half the log determinant with them.
+def _without(products: Array, half: Array, nuisance: list[int], targets: list[int]) -> tuple[Array, Array]:
+    """Products of the columns `targets` after the regression on a joint's columns `nuisance`, with a prior of
+    unit variance, and (h, k) half the log determinant with them.
     """
-    mine_, targets_ = np.array(mine), np.array(targets)
-    A = products[..., mine_[:, None], mine_] + np.eye(len(mine))
-    across = products[..., mine_[:, None], targets_]
+    nuisance_, targets_ = np.array(nuisance), np.array(targets)
+    A = products[..., nuisance_[:, None], nuisance_] + np.eye(len(nuisance))
+    across = products[..., nuisance_[:, None], targets_]
     left = products[..., targets_[:, None], targets_] - np.swapaxes(across, 2, 3) @ np.linalg.solve(A, across)
     return left, half + 0.5 * np.linalg.slogdet(A)[1]
 
 
-def _shared(left: Array, half: Array, n: int, heard: Mask) -> tuple[float, Array]:
+def _shared(left: Array, half: Array, n: int, informative: Mask) -> tuple[float, Array]:
     """Log odds of weights (p,) common to all joints against none, and the weights.
 
     Args:
@@ -185,9 +186,9 @@ def _shared(left: Array, half: Array, n: int, heard: Mask) -> tuple[float, Array
     weights, before = np.zeros(p), log_sum(at(np.zeros(p))[1], axis=0)
     for _ in range(ROUNDS):
         squares, evidence = at(weights)
-        part = np.exp(evidence - log_sum(evidence, axis=0)) * heard * n / squares
+        part = np.exp(evidence - log_sum(evidence, axis=0)) * informative * n / squares
         A = np.einsum("hk,hkpq->pq", part, Q) + np.eye(p)
         weights = np.linalg.solve(A, np.einsum("hk,hkp->p", part, b))
     gains = log_sum(at(weights)[1], axis=0) - before
     price = 0.5 * float(weights @ weights) + 0.5 * float(np.linalg.slogdet(A)[1])
-    return float(gains[heard].sum()) - price, weights
+    return float(gains[informative].sum()) - price, weights

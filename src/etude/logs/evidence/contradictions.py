@@ -81,7 +81,7 @@ def _of_halves(log: Log, path: Channel, joints: Index) -> Array:
 CONTRADICTS = "contradiction"
 LOADED, OTHER = 25.0, 30.0  # log odds of a load, and of other masses: right logs had 14 at most
 # of friction: a factor, log odds over the joints that have it, and their part; right logs had -31 % in a half
-FACTOR, RUBBED, MOST_RUB = 1.35, 40.0, 0.6
+FACTOR, FRICTION_ODDS, MOST_FRICTION = 1.35, 40.0, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +146,10 @@ def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body
     rows = rows.take(np.arange(0, len(rows.t), max(1, round(ROWS_APART / step))))
     joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     after = np.stack([rows.log == i for i in doubted], axis=1)
-    heard = np.array([goes_far(rows.q[one]) & goes_far(rows.q[~one]) for one in after.T])[:, joints]
+    informative = np.array([goes_far(rows.q[one]) & goes_far(rows.q[~one]) for one in after.T])[:, joints]
     if len(joints) < 2:
         return [_Difference(-np.inf)] * len(doubted)
-    evidence = ChangeEvidence.of(rows, joints, path, body, after.astype(np.float64), heard)
+    evidence = ChangeEvidence.of(rows, joints, path, body, after.astype(np.float64), informative)
     speeds, others = (
         np.array([rows.qd[some].std(axis=0) for some in which])[:, joints] for which in (after.T, ~after.T)
     )
@@ -162,11 +162,12 @@ def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Differenc
     (load, kg), masses = evidence.load(which), evidence.masses(which)
     odds, factor = evidence.friction(which)
     differ = alike & (odds >= LIKELY) & ((factor > FACTOR) | (factor < 1.0 / FACTOR))
-    rubs, difference = float(odds[differ].sum()), _Difference(-np.inf)
+    friction_odds, difference = float(odds[differ].sum()), _Difference(-np.inf)
     if load >= LOADED or masses >= OTHER:
         difference = _Difference(max(load, masses), kg if load >= MOST_OF * masses else None)
-    if rubs >= RUBBED and differ.sum() >= MOST_RUB * evidence.heard[which].sum():
-        difference = replace(difference, odds=max(rubs, difference.odds), factor=_in_common(factor[differ]))
+    if friction_odds >= FRICTION_ODDS and differ.sum() >= MOST_FRICTION * evidence.informative[which].sum():
+        odds_ = max(friction_odds, difference.odds)
+        difference = replace(difference, odds=odds_, factor=_in_common(factor[differ]))
     return difference
 
 
@@ -347,11 +348,11 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     spans = _spans(rows, LOAD_CUTS)
     after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
-    heard = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])
-    heard = heard[:, joints]
+    informative = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])
+    informative = informative[:, joints]
     # one joint of several may call its friction a load
-    heard[heard.sum(axis=1) < min(2, len(joints))] = False
-    evidence = ChangeEvidence.of(rows, joints, path, body, after, heard, most=1)
+    informative[informative.sum(axis=1) < min(2, len(joints))] = False
+    evidence = ChangeEvidence.of(rows, joints, path, body, after, informative, most=1)
     each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
     odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))
     taken = float(kg[each.argmax()])

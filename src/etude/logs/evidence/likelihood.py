@@ -127,7 +127,7 @@ class ColumnEvidence:
         return np.asarray(NEITHER + log_sum(self.free, axis=1) > best)
 
     def signs(self) -> tuple[Array, Array]:
-        """(p,) each: evidence of the right and the inverted sign; their odds are of the least favourable class."""
+        """(p,) each: evidence of the right and the inverted sign, by the least favourable class."""
         strange = self.strange()
         best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         level = np.where(strange, NEITHER + log_sum(self.free, axis=1), best)
