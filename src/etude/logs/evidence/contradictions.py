@@ -166,8 +166,8 @@ def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Differenc
     if load >= LOADED or masses >= OTHER:
         difference = _Difference(max(load, masses), kg if load >= MOST_OF * masses else None)
     if friction_odds >= FRICTION_ODDS and differ.sum() >= MOST_FRICTION * evidence.informative[which].sum():
-        odds_ = max(friction_odds, difference.odds)
-        difference = replace(difference, odds=odds_, factor=_in_common(factor[differ]))
+        largest = max(friction_odds, difference.odds)
+        difference = replace(difference, odds=largest, factor=_in_common(factor[differ]))
     return difference
 
 
