@@ -83,14 +83,14 @@ def seen(log: Log, path: Channel) -> Seen | None:
     if path.name not in log or not pieces:
         return None
     for name in (path.name, *(c.name for c in others.values())):
-        log = _tamed(log, name)
+        log = _without_outliers(log, name)
     rate, cutoff = median_rate(log.t), _cutoff(log, path.name)
     keep = max(1, math.ceil(rate / RATE - 1e-6))
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
     travel = np.ptp(whole["q"], axis=0)
-    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_widest(travel, path), 1.0))
+    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_largest_travel(travel, path), 1.0))
     moved = travel > np.maximum(NO_MOTION, still)
     speed = np.abs(whole["qd"])
     return Seen(
@@ -108,7 +108,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
     )
 
 
-def _widest(travel: Array, path: Channel) -> Array:
+def _largest_travel(travel: Array, path: Channel) -> Array:
     """(k,) for each coordinate the largest travel of all coordinates in its unit."""
     return np.array(
         [max(w for w, u in zip(travel, path.units, strict=True) if u == unit) for unit in path.units]
@@ -158,7 +158,7 @@ def _rate_of(channel: Channel, path: Channel) -> bool:
     return is_rate and channel.parts == path.parts
 
 
-def _tamed(log: Log, name: str) -> Log:
+def _without_outliers(log: Log, name: str) -> Log:
     """The log with single outliers replaced by the mean of their neighbours, so that none decides a test."""
     values = log[name]
     step = np.diff(values, axis=0)

@@ -276,7 +276,7 @@ def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     if len(grid) < 4 * LEAST_ROWS or not motion.moves.any():
         return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
-    raw, filtered = np.sqrt(6.0) * level * rate**2, level * _passed(rate, motion.cutoff)
+    raw, filtered = np.sqrt(6.0) * level * rate**2, level * _filter_gain(rate, motion.cutoff)
     size = motion.qdd.std(axis=0)
     share = np.where(motion.moves, filtered / np.where(size > 0.0, size, np.inf), 0.0)
     worst = int(np.argmax(share))
@@ -291,7 +291,7 @@ def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     return Finding("noise", "yellow", fact, "Move faster, or log positions with more digits and less noise.")
 
 
-def _passed(rate: float, cutoff: float) -> float:
+def _filter_gain(rate: float, cutoff: float) -> float:
     """Deviation of the second derivative behind the filter, per deviation of white noise at that rate."""
     f = np.linspace(0.0, 0.5 * rate, 2001)
     density = (2.0 * np.pi * f) ** 4 / (1.0 + (f / cutoff) ** 4) ** 2

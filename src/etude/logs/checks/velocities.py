@@ -78,11 +78,13 @@ def rate_finding(motion: Seen, rate: float, usual: float | None = None) -> Findi
             "green",
             f"Velocities are the slopes of the positions (factors {beta.min():.3f} to {beta.max():.3f}).",
         )
-    whole = _common(motion, slopes, finite, rate, usual)
-    return _alone(motion, slopes, finite) if whole is None else whole
+    whole = _common_finding(motion, slopes, finite, rate, usual)
+    return _single_joint_finding(motion, slopes, finite) if whole is None else whole
 
 
-def _common(motion: Seen, slopes: Slopes, finite: Mask, rate: float, usual: float | None) -> Finding | None:
+def _common_finding(
+    motion: Seen, slopes: Slopes, finite: Mask, rate: float, usual: float | None
+) -> Finding | None:
     """The finding common to all moving joints; None if they differ."""
     beta, r = slopes.beta[finite], slopes.r[finite]
     factor = float(np.median(beta))
@@ -150,13 +152,13 @@ def _degrees(factor: float) -> Finding:
     )
 
 
-def _alone(motion: Seen, slopes: Slopes, finite: Mask) -> Finding:
+def _single_joint_finding(motion: Seen, slopes: Slopes, finite: Mask) -> Finding:
     """Findings of single joints, the worst first."""
     foreign = finite & (np.nan_to_num(np.abs(slopes.r)) < OTHER)
     turned = finite & (slopes.beta < 0.0) & (np.abs(slopes.r) > LIKE)
     wrong = finite & ~slopes.agrees & (slopes.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
-    whose_are = {j: owner for j in np.flatnonzero(foreign).tolist() if (owner := _of_which(motion, j))}
+    whose_are = {j: owner for j in np.flatnonzero(foreign).tolist() if (owner := _velocity_source(motion, j))}
     if motion.command is None:  # a vehicle's estimate, which its sensors pull about
         foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
         wrong &= wrong.sum() > 1  # a height that a barometer pulls about on the ground, not another unit
@@ -175,14 +177,14 @@ def _alone(motion: Seen, slopes: Slopes, finite: Mask) -> Finding:
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in slopes.beta[wrong])
         fact = f"The velocity of {named(motion.parts, wrong)} is {factors} times the slope of its position."
-        fact += _of_degrees(slopes.beta[wrong])
+        fact += _degrees_sentence(slopes.beta[wrong])
     else:
         fact = "Velocities agree with positions but roughly: they are noisy, or were filtered."
         return Finding(VELOCITY, "cannot tell", fact)
     return Finding(VELOCITY, "red", fact, step, flag=VELOCITY)
 
 
-def _of_degrees(beta: Array) -> str:
+def _degrees_sentence(beta: Array) -> str:
     """The sentence if all factors are that of degrees."""
     if (np.abs(np.log(np.abs(beta) * DEGREES)) < MATCH).all():
         return " The position looks like degrees: state the unit in its header (q_elbow [deg])."
@@ -191,7 +193,7 @@ def _of_degrees(beta: Array) -> str:
     return ""
 
 
-def _of_which(motion: Seen, j: int) -> str:
+def _velocity_source(motion: Seen, j: int) -> str:
     """Text that names the joint whose velocity a wrong column contains, if there is one."""
     assert motion.logged is not None
     for other in np.flatnonzero(motion.moves):

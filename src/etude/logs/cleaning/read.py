@@ -180,7 +180,7 @@ def _recorded(
     left = dict(raw.values)
     del raw  # memory: a long log must not be held twice
     for name, columns in matching.channels.items():
-        values[name] = _taken(left, columns)
+        values[name] = _take_channel(left, columns)
         units = dict.fromkeys(column.written_unit for column in columns if column.factor != 1.0)
         if units:
             repairs.append(f"Channel {name} was converted from {', '.join(units)}, as its headers state.")
@@ -219,9 +219,7 @@ def _check_families(matching: Matching, raw: Log, channels: Sequence[Channel], w
         name: np.hstack([raw[column] for column in columns]) for name, columns in matching.families.items()
     }
     first = next(iter(values), "")
-    others = {
-        name for name, columns in values.items() if name != first and _says_more(columns, values[first])
-    }
+    others = {name for name, columns in values.items() if name != first and _differs(columns, values[first])}
     if not others:
         return
     families = {
@@ -235,7 +233,7 @@ def _check_families(matching: Matching, raw: Log, channels: Sequence[Channel], w
     )
 
 
-def _says_more(values: Array, first: Array) -> bool:
+def _differs(values: Array, first: Array) -> bool:
     """Whether columns (T, k) vary, and differ from the first ones."""
     finite, other = (
         part[np.isfinite(values).all(axis=1) & np.isfinite(first).all(axis=1)] for part in (values, first)
@@ -245,7 +243,7 @@ def _says_more(values: Array, first: Array) -> bool:
     return bool(np.abs(finite - other).max() > SAME * other.std(axis=0).max())
 
 
-def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:
+def _take_channel(left: dict[str, Array], columns: Sequence[Column]) -> Array:
     """The values of a channel in SI; its columns are removed from `left`, since no other channel uses
     them.
     """

@@ -251,7 +251,7 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
     is_leap = leaps(log, channel, top, np.maximum(size, np.ptp(log[channel.name], axis=0)))
     for j in np.flatnonzero(is_leap.any(axis=0)).tolist():
         q = log[channel.name][:, j]
-        is_leap[:, j] &= _alone(np.diff(q)) & ~_back(q, is_leap[:, j])
+        is_leap[:, j] &= _is_isolated(np.diff(q)) & ~_is_spike(q, is_leap[:, j])
     rows = np.flatnonzero(is_leap.any(axis=1))
     if not len(rows) or len(rows) > max(RARE_SHARE * len(log), 1):
         return None
@@ -274,7 +274,7 @@ def _jump_sentences(log: Log, channel: Channel, row: int, j: int) -> tuple[str, 
     )
 
 
-def _alone(step: Array) -> Mask:
+def _is_isolated(step: Array) -> Mask:
     """(T-1,) where a step (T-1,) is far larger than those beside it, and than those of a coarse sensor."""
     size = np.abs(step)
     beside = np.full(len(size), np.median(size[size > 0.0]) if size.any() else 0.0)
@@ -284,7 +284,7 @@ def _alone(step: Array) -> Mask:
     return np.asarray(size > ALONE * beside)
 
 
-def _back(q: Array, leap: Mask) -> Mask:
+def _is_spike(q: Array, leap: Mask) -> Mask:
     """(T-1,) leaps out and back: single wild rows, which are dropped later."""
     is_back = np.zeros(len(leap), dtype=bool)
     both = leap[:-1] & leap[1:] & (np.diff(q)[:-1] * np.diff(q)[1:] < 0.0)

@@ -118,12 +118,12 @@ class ChangeEvidence:
 
     def _evidence(self, nuisance: list[int], y: int) -> Array:
         """(h, k) log evidence of the commands with some columns."""
-        left, half = _without(self.products, self.half, nuisance, [y])
+        left, half = _regressed_out(self.products, self.half, nuisance, [y])
         return -half - 0.5 * self.n * np.log(left[..., 0, 0] / self.n)
 
     def _shared(self, change: int, which: slice) -> tuple[float, Array]:
         nuisance, y, friction, links = self._columns(change)
-        left, half = _without(self.products, self.half, [*nuisance, friction], [y, *links[which]])
+        left, half = _regressed_out(self.products, self.half, [*nuisance, friction], [y, *links[which]])
         odds, weights = _shared(left, half, self.n, self.informative[change])
         return odds, weights * self.unit[which]
 
@@ -158,7 +158,9 @@ def _products(rows: FilteredRows, joints: Index, columns: Array) -> tuple[Array,
     return products, half
 
 
-def _without(products: Array, half: Array, nuisance: list[int], targets: list[int]) -> tuple[Array, Array]:
+def _regressed_out(
+    products: Array, half: Array, nuisance: list[int], targets: list[int]
+) -> tuple[Array, Array]:
     """Products of the columns `targets` after the regression on a joint's columns `nuisance`, with a prior of
     unit variance, and (h, k) half the log determinant with them.
     """

@@ -73,9 +73,9 @@ def judge(
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
-            exchanged = _without_turns(_exchanged(alone, new, path, body, order), alone)
+            exchanged = _uncontradicted(_exchanged_columns(alone, new, path, body, order), alone)
         backwards = -np.inf if timed or alone is None else _backwards(alone)
-        turned = _without_turns(_signs(stepped, fresh, order, backwards), stepped)
+        turned = _uncontradicted(_signs(stepped, fresh, order, backwards), stepped)
         late = None if clock is None else clock.decision()  # it makes an order doubtful
         far = late is not None and late.level == "ask"
         # of a periodic motion a delay of half a period looks like a sign
@@ -85,10 +85,10 @@ def judge(
         yield late
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield exchanged  # of several logs, one that is inverted looks like another order
-        yield None if timed or alone is None else _reversed(alone)
+        yield None if timed or alone is None else _reversed_rows(alone)
         yield turned
-        yield _by_calm_rows(stepped, fresh, order, timed)
-        weight = None if alone is None else _weights(alone, force)
+        yield _signs_without_reversals(stepped, fresh, order, timed)
+        weight = None if alone is None else _weight_question(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
     decisions = (one for one in hypotheses() if one is not None and one.check not in accepted)
@@ -97,10 +97,10 @@ def judge(
         unknown = clock is not None and not clock.excludes_delays
         return stepped.decision("silent", why="late" if unknown else "")
     decision = decision if decision.logs else replace(decision, logs=fresh)
-    return replace(decision, positions=_positions(decision, stepped, path, body))
+    return replace(decision, positions=_position_odds(decision, stepped, path, body))
 
 
-def _without_turns(decision: Decision | None, evidence: JointEvidence) -> Decision | None:
+def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decision | None:
     """The decision; None if rows where no joint reverses contradict it. Stiction at a reversal makes right
     commands fit another joint, or the other sign.
     """
@@ -115,7 +115,7 @@ def _without_turns(decision: Decision | None, evidence: JointEvidence) -> Decisi
     return decision if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 
-def _by_calm_rows(
+def _signs_without_reversals(
     evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
 ) -> Decision | None:
     """A question on signs from the rows without reversals, where all rows together leave the signs open.
@@ -131,7 +131,7 @@ def _by_calm_rows(
     return replace(decision, level="ask") if stands else None
 
 
-def _positions(decision: Decision, evidence: JointEvidence, path: Channel, body: Mean | None) -> float:
+def _position_odds(decision: Decision, evidence: JointEvidence, path: Channel, body: Mean | None) -> float:
     """Log odds that the positions, not the commands, have the decision's signs or order."""
     rows = evidence.rows.take(np.flatnonzero(np.isin(evidence.rows.log, decision.logs)))
     joints = evidence.joint_indices[rows.command[:, evidence.joint_indices, AS_LOGGED].std(axis=0) > 0.0]
@@ -207,11 +207,11 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     next_ = float(log_sum([*other_scores, *(one[0] for i, one in enumerate(hypotheses) if i != first)]))
     each = np.zeros(len(as_is))
     if group >= 0:
-        each = _each(right, np.log(EACH) + turned[group], *priors[group], hypotheses[0][0])
+        each = _joint_odds(right, np.log(EACH) + turned[group], *priors[group], hypotheses[0][0])
     return Signs(joints, group, score - hypotheses[0][0], score - next_, each)
 
 
-def _each(right: Array, other: Array, every: float, some: float, none: float) -> Array:
+def _joint_odds(right: Array, other: Array, every: float, some: float, none: float) -> Array:
     """(m,) log odds of all sets with a joint against all sets without it and the empty set."""
     either = np.logaddexp(right, other)
     others = np.log(some) + either.sum() - either
@@ -357,7 +357,7 @@ def _assigned(gains: Array) -> tuple[Index, float]:
     return columns, float(gains[np.arange(m), columns].sum() + prior)
 
 
-def _exchanged(
+def _exchanged_columns(
     evidence: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
     """Exchanged columns, if both halves of the logs support the exchange together."""
@@ -406,7 +406,7 @@ def _backwards(evidence: JointEvidence) -> float:
     return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
-def _reversed(evidence: JointEvidence) -> Decision | None:
+def _reversed_rows(evidence: JointEvidence) -> Decision | None:
     """Rows that run backwards: inertia and weight have the right sign, friction is inverted. Inverted signs
     look similar; where the data do not separate the two, the question on signs names both.
     """
@@ -480,7 +480,7 @@ def weight_of(rows: FilteredRows, joints: Index) -> Weight | None:
 FAINT = 1e-12  # squared N m: no weight
 
 
-def _weights(evidence: JointEvidence, force: bool) -> Decision | None:
+def _weight_question(evidence: JointEvidence, force: bool) -> Decision | None:
     """A question on an inverted weight in a joint without clear friction, or on a missing weight."""
     weight = weight_of(evidence.rows, evidence.joint_indices)
     if weight is None:

@@ -39,43 +39,43 @@ def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
     rows = rows_of(logs, path)
     if rows is None or not rows.moving.any():
         return None
-    joints = np.flatnonzero(rows.moving & _far_in_each(rows))
+    joints = np.flatnonzero(rows.moving & _moves_far_in_each(rows))
     if 2 * len(joints) < rows.moving.sum():
         return None
     together = WhitenedMotion(rows, joints, FEW).free(rows.command)[:, 0]
     numbers = np.unique(rows.log)
     newest = numbers[-MOST_GROUPS:].tolist() if len(numbers) > 1 else []
-    each = {i: _apart(rows, joints, i) - together for i in newest}
+    each = {i: _odd_evidence(rows, joints, i) - together for i in newest}
     odd = max(each, key=lambda i: float(each[i].sum()), default=-1)
-    if odd < 0 or not _clear(each[odd]):
+    if odd < 0 or not _is_clear(each[odd]):
         return None
-    gains = each[odd] - np.max([_of_halves(log, path, joints) for log in logs], axis=0)
-    return (odd, gains) if _clear(gains) else None
+    gains = each[odd] - np.max([_half_gains(log, path, joints) for log in logs], axis=0)
+    return (odd, gains) if _is_clear(gains) else None
 
 
-def _far_in_each(rows: FilteredRows) -> Mask:
+def _moves_far_in_each(rows: FilteredRows) -> Mask:
     """(k,) sliding joints, and turning ones that move far in every log: near one pose any term fits."""
     travels = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
     turns = np.array([unit == "rad" for unit in rows.units])
     return np.asarray(~turns | (np.min(travels, axis=0) > SMALL_TRAVEL))
 
 
-def _apart(rows: FilteredRows, joints: Index, log: int) -> Array:
+def _odd_evidence(rows: FilteredRows, joints: Index, log: int) -> Array:
     return WhitenedMotion(rows, joints, FEW, odd=rows.log == log).free(rows.command)[:, 0]
 
 
-def _clear(gains: Array) -> bool:
+def _is_clear(gains: Array) -> bool:
     return float(gains.sum()) >= ODDS and float((gains >= LIKELY).mean()) >= MOST_JOINTS
 
 
-def _of_halves(log: Log, path: Channel, joints: Index) -> Array:
+def _half_gains(log: Log, path: Channel, joints: Index) -> Array:
     """(m,) log odds of separate models of a log's halves against one model; at least 0."""
     first = log.t <= 0.5 * (log.t[0] + log.t[-1])
     rows = rows_of([log.take(first), log.take(~first)], path)
     if rows is None or len(np.unique(rows.log)) < 2:
         return np.zeros(len(joints))
     together = WhitenedMotion(rows, joints, FEW).free(rows.command)[:, 0]
-    return np.maximum(_apart(rows, joints, 0) - together, 0.0)
+    return np.maximum(_odd_evidence(rows, joints, 0) - together, 0.0)
 
 
 CONTRADICTS = "contradiction"
@@ -320,12 +320,12 @@ def _gains(cut: _Cut) -> tuple[Array, Array]:
     apart = WhitenedMotion(rows, joints, FEW, cut.after, covariance).free(rows.command)[:, 0]
     gains = np.zeros((2, rows.q.shape[1]))
     # with one reversal in all, friction is a sign that turns there
-    turns = _both_ways(rows.qd[cut.after]) & _both_ways(rows.qd[~cut.after])
+    turns = _moves_both_ways(rows.qd[cut.after]) & _moves_both_ways(rows.qd[~cut.after])
     gains[:, joints] = np.where(turns[joints], negated - as_is, 0.0), apart - as_is
     return gains[0], gains[1]
 
 
-def _both_ways(qd: Array) -> Mask:
+def _moves_both_ways(qd: Array) -> Mask:
     """(k,) whether joints move forwards and backwards, beyond a part of their top speed."""
     least = TURN_SPEED * np.abs(qd).max(axis=0)
     return np.asarray((qd.max(axis=0) > least) & (qd.min(axis=0) < -least))
@@ -348,7 +348,9 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     spans = _spans(rows, LOAD_CUTS)
     after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
-    informative = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])
+    informative = np.array(
+        [_covers_range(rows.q, rows.t < a) & _covers_range(rows.q, rows.t > b) for a, b in spans]
+    )
     informative = informative[:, joints]
     # one joint of several may call its friction a load
     informative[informative.sum(axis=1) < min(2, len(joints))] = False
@@ -362,7 +364,7 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     return Change("load", none, _span(spans, each), odds, taken)
 
 
-def _goes_on(q: Array, some: Mask) -> Mask:
+def _covers_range(q: Array, some: Mask) -> Mask:
     """(k,) whether joints cover a part of their range (n, k) in some rows. A start from rest is another
     motion.
     """

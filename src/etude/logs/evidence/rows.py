@@ -106,7 +106,7 @@ class FilteredRows:
         """The rows with a free command around each reversal, within the reach of the commands' filter:
         friction there is no evidence.
         """
-        each = _passed(np.subtract.outer(self.t, self.t), self.cutoff)
+        each = _impulse_response(np.subtract.outer(self.t, self.t), self.cutoff)
         return replace(self, stands=tuple(each[:, slow] for slow in self.turning.T))
 
 
@@ -204,7 +204,7 @@ def _cutoff(rate: float) -> float:
     return min(COMMAND_HZ, 0.35 * max(rate, 2.0))
 
 
-def _passed(apart: Array, cutoff: float) -> Array:
+def _impulse_response(apart: Array, cutoff: float) -> Array:
     """Impulse response of the commands' filter at `apart` s; 1 at 0."""
     t = np.linspace(-8.0, 8.0, 1601) / cutoff  # beyond, less than 1e-6 is left
     response = smooth(t, (t == 0.0).astype(np.float64)[:, None], cutoff, ORDER).value[:, 0]
