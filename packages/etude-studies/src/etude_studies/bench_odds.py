@@ -183,14 +183,14 @@ def verdict(case: Case, fault: str, truth: Array) -> Verdict:
         float(decision.odds),
         float(min(decision.ahead, 1e9)),
         offered,
-        tuple(decision.told[decision.moving].tolist()) if fault != "sign" else _against(decision, truth),
+        tuple(decision.sign_odds[decision.moving].tolist()) if fault != "sign" else _against(decision, truth),
         time.process_time() - start,
     )
 
 
 def _against(decision: Decision, truth: Array) -> tuple[float, ...]:
     """Log odds of the true sign to the other one."""
-    return tuple((decision.told * truth)[decision.moving].tolist())
+    return tuple((decision.sign_odds * truth)[decision.moving].tolist())
 
 
 def end(verdict: Verdict) -> str:
@@ -218,7 +218,7 @@ def odds_rows(verdicts: Sequence[Verdict]) -> list[Row]:
     for fault in ("sign", "swapped"):
         ends = Counter(end(v) for v in verdicts if v.fault == fault)
         rows += [Row(f"{fault}_{name}", ends[name], "1", "of", ends.total()) for name in ENDS]
-    log_odds = np.array([odds for v in verdicts if v.fault != "swapped" for odds in v.told])
+    log_odds = np.array([odds for v in verdicts if v.fault != "swapped" for odds in v.sign_odds])
     for low, high in itertools.pairwise(STATED):
         stated = log_odds[(np.abs(log_odds) >= low) & (np.abs(log_odds) < high)]
         rows.append(Row(f"wrong_signs_stated_{low:.0f}", int((stated < 0.0).sum()), "1", "of", len(stated)))
