@@ -218,7 +218,7 @@ def odds_rows(verdicts: Sequence[Verdict]) -> list[Row]:
     for fault in ("sign", "swapped"):
         ends = Counter(end(v) for v in verdicts if v.fault == fault)
         rows += [Row(f"{fault}_{name}", ends[name], "1", "of", ends.total()) for name in ENDS]
-    log_odds = np.array([odds for v in verdicts if v.fault != "swapped" for odds in v.sign_odds])
+    log_odds = np.array([odds for v in verdicts if v.fault != "swapped" for odds in v.told])
     for low, high in itertools.pairwise(STATED):
         stated = log_odds[(np.abs(log_odds) >= low) & (np.abs(log_odds) < high)]
         rows.append(Row(f"wrong_signs_stated_{low:.0f}", int((stated < 0.0).sum()), "1", "of", len(stated)))
