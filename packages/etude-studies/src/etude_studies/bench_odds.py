@@ -183,14 +183,14 @@ def verdict(case: Case, fault: str, truth: Array) -> Verdict:
         float(decision.odds),
         float(min(decision.ahead, 1e9)),
         offered,
-        tuple(decision.told[decision.moving].tolist()) if fault != "sign" else _against(decision, truth),
+        tuple(decision.sign_odds[decision.moving].tolist()) if fault != "sign" else _against(decision, truth),
         time.process_time() - start,
     )
 
 
 def _against(decision: Decision, truth: Array) -> tuple[float, ...]:
     """Log odds of the true sign to the other one."""
-    return tuple((decision.told * truth)[decision.moving].tolist())
+    return tuple((decision.sign_odds * truth)[decision.moving].tolist())
 
 
 def end(verdict: Verdict) -> str:

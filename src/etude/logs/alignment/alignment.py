@@ -178,8 +178,8 @@ def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
         inside = plan.inside(t - start)
         if inside.sum() < 3:
             break
-        wanted, slope = plan.at(t[inside] - start) / plan.scale, plan.slope(t[inside] - start) / plan.scale
-        error = motion[inside] / plan.scale - wanted
+        planned, slope = plan.at(t[inside] - start) / plan.scale, plan.slope(t[inside] - start) / plan.scale
+        error = motion[inside] / plan.scale - planned
         error = error - error.mean(axis=0)
         slope = slope - slope.mean(axis=0)
         # no step where the plan is at rest
@@ -290,14 +290,14 @@ class Overlap:
     """Measured and planned motion, at the log's times within the proposal.
 
     Attributes:
-        motion, wanted: (n, k).
+        motion, planned: (n, k).
         pooled: their root mean square deviation over the proposal's spread, in parts of the scale.
         each: (k,) the same for each coordinate.
         rates: the same of their rates, pooled; NaN of too few rows to tell.
     """
 
     motion: Array
-    wanted: Array
+    planned: Array
     pooled: float
     each: Array
     rates: float
@@ -306,14 +306,14 @@ class Overlap:
     def of(t: Array, measured: Array, plan: SampledPlan) -> Overlap:
         """t: (T,) s of the proposal, at the plan's rate. measured: (T, k)."""
         inside = plan.inside(t)
-        motion, wanted = measured[inside], plan.at(t[inside])
+        motion, planned = measured[inside], plan.at(t[inside])
         if not inside.any():
-            return Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf), np.nan)
-        error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
+            return Overlap(motion, planned, np.inf, np.full(len(plan.scale), np.inf), np.nan)
+        error = np.sqrt((((motion - planned) / plan.scale) ** 2).mean(axis=0))
         # a coordinate at rest has no spread to compare with
-        spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
+        spread = np.maximum((planned / plan.scale).std(axis=0), 1e-12)
         pooled = float(np.linalg.norm(error) / np.linalg.norm(spread))
-        return Overlap(motion, wanted, pooled, error / spread, _rate_error(motion, wanted, plan))
+        return Overlap(motion, planned, pooled, error / spread, _rate_error(motion, planned, plan))
 
     @property
     def mismatch(self) -> float:
@@ -331,27 +331,26 @@ def allowed(coverage: float, coordinates: int) -> float:
     return largest - (largest - CLEAR_MATCH) * lacking
 
 
-def _rate_error(motion: Array, wanted: Array, plan: SampledPlan) -> float:
+def _rate_error(motion: Array, planned: Array, plan: SampledPlan) -> float:
     """Deviation of the rates of change over a stride, relative to the planned rates."""
     rows = max(1, round(STRIDE * plan.duration * plan.rate))
     if len(motion) <= 2 * rows:
         return np.nan
-    made, asked = ((values[rows:] - values[:-rows]) / plan.scale for values in (motion, wanted))
+    made, ordered = ((values[rows:] - values[:-rows]) / plan.scale for values in (motion, planned))
     # a plan at rest is followed by any log at rest
-    return float(np.linalg.norm(made - asked) / max(float(np.linalg.norm(asked)), 1e-12))
+    return float(np.linalg.norm(made - ordered) / max(float(np.linalg.norm(ordered)), 1e-12))
 
 
 def _whole(log: Log, measured: Array, plan: SampledPlan, path: str) -> tuple[_Aligned, DataError | None]:
     """The log at its most likely start, and the error if it has another motion."""
     best = best_start(log.t, measured, plan)
-    shifted, own = (Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
-    start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
+    shifted, unshifted = (Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
+    start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, unshifted.pooled) else best
     aligned = _Aligned(_moved(log, start), shifted.pooled)
     covered = covered_seconds(log.t - best, plan.duration)
     try:
-        _check_match(
-            shifted, own, allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log
-        )
+        largest = allowed(covered / plan.duration, len(plan.scale))
+        _check_match(shifted, unshifted, largest, log.channels[path].parts, log)
         _check_coverage(aligned.log, plan.duration)
     except DataError as error:
         return aligned, error
@@ -383,8 +382,8 @@ def goes_on_without(stop: float, end: float, plan: SampledPlan) -> bool:
         return False
     if end - stop < LEAST_STANDSTILL:
         return True
-    wanted = plan.at(np.linspace(stop, min(plan.duration, end), INSTANTS))
-    return bool((np.abs(wanted - wanted[0]) / plan.scale).max() > LEFT)
+    planned = plan.at(np.linspace(stop, min(plan.duration, end), INSTANTS))
+    return bool((np.abs(planned - planned[0]) / plan.scale).max() > LEFT)
 
 
 def waits_at_start(t: Array, measured: Array, plan: SampledPlan) -> bool:
@@ -416,10 +415,10 @@ def _stopped(log: Log, measured: Array, plan: SampledPlan, path: str) -> _Aligne
         return None
     t, motion = log.t[cut], measured[cut]
     best = best_start(t, motion, plan, begun=True)
-    overlap, own = (Overlap.of(t - start, motion, plan) for start in (best, 0.0))
-    held = _clock_holds(log.t, plan, best, overlap.pooled, own.pooled) and own.pooled <= CLOSE
-    start, mismatch = (0.0, own.pooled) if held else (best, overlap.pooled)
-    strange = _cause(own if held else overlap, log.channels[path].parts)
+    overlap, unshifted = (Overlap.of(t - start, motion, plan) for start in (best, 0.0))
+    held = _clock_holds(log.t, plan, best, overlap.pooled, unshifted.pooled) and unshifted.pooled <= CLOSE
+    start, mismatch = (0.0, unshifted.pooled) if held else (best, overlap.pooled)
+    strange = _cause(unshifted if held else overlap, log.channels[path].parts)
     follows = mismatch <= CLOSE and not strange and waits_at_start(t - start, motion, plan)
     if not follows or stop - start < LEAST_S or not goes_on_without(stop - start, log.t[-1] - start, plan):
         return None
@@ -435,12 +434,12 @@ def _moved(log: Log, start: float) -> Log:
     return replace(log, t=log.t - start).repaired(sentence)
 
 
-def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, own: float) -> bool:
+def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, unshifted: float) -> bool:
     """Whether the log's clock starts with the proposal, so that the remaining shift is the controller's lag.
 
     Args:
         best: the start that fits best, s; shifted: the mismatch there.
-        own: the mismatch by the log's clock.
+        unshifted: the mismatch by the log's clock.
     """
     step = 1.0 / plan.rate
     if abs(best) <= 0.5 * step:
@@ -449,7 +448,7 @@ def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, own: 
         # a lag larger than LONGEST_LAG also deforms the motion; otherwise the clock is wrong
         longest = LONGEST_LAG if shifted <= PERFECT else LONGEST_MARKED_LAG
         late = -2.0 * step <= best <= longest
-        return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
+        return unshifted <= LARGEST_MISMATCH and (late or shifted > BETTER * unshifted)
     over = float(t[-1]) - plan.duration
     # a recorder that was started with the proposal also ends with it; one that began a little early ends late
     spans = abs(t[0]) <= 1.5 * step and abs(over) <= 2.5 * step and abs(over) <= abs(over - best)
@@ -483,7 +482,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
     """Text on the likely cause (sign, degrees, exchanged joints), for the first coordinate with one."""
     if len(overlap.motion) < 2:
         return ""
-    a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.wanted))
+    a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.planned))
     # 1e-300: a coordinate at rest correlates with no other
     norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
     likeness = (a.T @ b) / norms
@@ -516,10 +515,10 @@ def with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], pat
     """The log with the exact planned motion at its times; before and after the motion, planned rates are
     0.
     """
-    known = {c.name: c for c in channels}
+    by_name = {c.name: c for c in channels}
     first = f"{path}_des"
-    own = log.channels[path]
-    plans = [known.get(first, Channel(first, own.parts, own.units, "plan"))]
+    measured = log.channels[path]
+    plans = [by_name.get(first, Channel(first, measured.parts, measured.units, "plan"))]
     while len(plans) < 3 and (rates := [c for c in channels if c.derivative_of == plans[-1].name]):
         plans.append(rates[0])
     t = np.clip(log.t, 0.0, trajectory.duration)

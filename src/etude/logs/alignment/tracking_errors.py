@@ -46,7 +46,7 @@ EDGE, BEYOND = 2.0, 4.0
 """Times the band: inside of which an error has settled, as motions leave more here and less there; and which
 a start must reach. One that does not may be chance, and counts: margins have factors of 1.5 to 3 for it.
 """
-ASKED = 1.0 / EDGE
+SIMILAR_RATES = 1.0 / EDGE
 """Part of what the start asks of each coordinate, in speed and acceleration, that the rest must ask too: a
 joint that moves at first and then stands has no transient, but a motion.
 """
@@ -62,7 +62,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """By form of motion (ORDERS, k) the largest |measured - asked| of position, velocity, acceleration, and
+    """By form of motion (ORDERS, k) the largest |measured - planned| of position, velocity, acceleration, and
     the start transient that is not in them; None where there is none.
     """
 
@@ -85,22 +85,22 @@ def tracked(log: Log, trajectory: Trajectory, path: str) -> Tracked:
     if path not in log:
         return Tracked({})
     error = log[path] - trajectory.motion(np.clip(log.t, 0.0, trajectory.duration), 1).orders[0]
-    stretches = [own for own in segments(log.t) if own.stop - own.start >= LEAST_ROWS]
+    stretches = [piece for piece in segments(log.t) if piece.stop - piece.start >= LEAST_ROWS]
     if not stretches:
         return Tracked({})
-    t = np.concatenate([log.t[own] for own in stretches])
-    sizes = np.concatenate([np.abs(_orders(log.t[own], error[own])) for own in stretches], axis=1)
+    t = np.concatenate([log.t[rows] for rows in stretches])
+    sizes = np.concatenate([np.abs(_orders(log.t[rows], error[rows])) for rows in stretches], axis=1)
     inside = (t >= 0.0) & (t <= trajectory.duration)
     until = _settled(t[inside], sizes[:HELD, inside], trajectory) if inside.any() else 0.0
-    found: dict[str, Array] = {}
+    largest: dict[str, Array] = {}
     for start, _, piece in trajectory.pieces():
-        own = (t >= max(start, until)) & (t <= start + piece.duration)
-        if own.any():
-            most = sizes[:, own].max(axis=1)
-            found[piece.form] = np.maximum(found.get(piece.form, most), most)
+        within = (t >= max(start, until)) & (t <= start + piece.duration)
+        if within.any():
+            most = sizes[:, within].max(axis=1)
+            largest[piece.form] = np.maximum(largest.get(piece.form, most), most)
     if until == 0.0:
-        return Tracked(found)
-    return Tracked(found, Start(until, sizes[:, (t >= 0.0) & (t < until)].max(axis=1)))
+        return Tracked(largest)
+    return Tracked(largest, Start(until, sizes[:, (t >= 0.0) & (t < until)].max(axis=1)))
 
 
 def _settled(t: Array, sizes: Array, trajectory: Trajectory) -> float:
@@ -119,14 +119,14 @@ def _settled(t: Array, sizes: Array, trajectory: Trajectory) -> float:
     if not 0.0 < until <= LATEST * duration or beyond[before].max() < BEYOND:
         return 0.0
     later = float(t[~before][0]) if (~before).any() else 0.0
-    return later if _asks_on(t, before, trajectory) else 0.0
+    return later if _stays_as_fast(t, before, trajectory) else 0.0
 
 
-def _asks_on(t: Array, before: Mask, trajectory: Trajectory) -> bool:
-    """Whether the rest of the motion asks of each coordinate about what its start does."""
-    asked = np.abs(trajectory.motion(t, ORDERS).orders[1:])
-    first, rest = asked[:, before].max(axis=1), asked[:, ~before].max(axis=1)
-    return bool(np.all(rest >= ASKED * first))
+def _stays_as_fast(t: Array, before: Mask, trajectory: Trajectory) -> bool:
+    """Whether the later motion is about as fast as the start, in each coordinate."""
+    planned_rates = np.abs(trajectory.motion(t, ORDERS).orders[1:])
+    first, later = planned_rates[:, before].max(axis=1), planned_rates[:, ~before].max(axis=1)
+    return bool(np.all(later >= SIMILAR_RATES * first))
 
 
 def _orders(t: Array, error: Array) -> Array:

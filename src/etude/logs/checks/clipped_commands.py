@@ -36,7 +36,7 @@ class Clipped:
 
 def clipped(q: Array, u: Array, limit: Array) -> Clipped | None:
     """Clipped joints, from positions and commands (T, J) and limits (J,) or infinity; None if none are."""
-    found = Clipped(
+    clipping = Clipped(
         np.zeros(u.shape[1], dtype=np.bool_), np.zeros(u.shape[1]), np.zeros(len(u), dtype=np.bool_)
     )
     for j in range(u.shape[1]):
@@ -46,9 +46,9 @@ def clipped(q: Array, u: Array, limit: Array) -> Clipped | None:
             few = flat.sum() < max(LEAST_ROWS, LEAST_SHARE * len(u))
             if few or level >= AT_LIMIT * limit[j] or level <= NOTHING * float(np.abs(u[:, j]).max()):
                 continue
-            found.joints[j], found.levels[j] = True, sign * level
-            found.rows[:] |= flat
-    return found if found.joints.any() else None
+            clipping.joints[j], clipping.levels[j] = True, sign * level
+            clipping.rows[:] |= flat
+    return clipping if clipping.joints.any() else None
 
 
 def _flat(q: Array, u: Array) -> Mask:

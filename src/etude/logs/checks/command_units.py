@@ -15,7 +15,8 @@ from etude.types import Array, Finding, Mask
 
 SCALE = "scale"
 FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
-MOST_OWN = 30.0  # times the file's torque that rotors and friction may take: those of right logs took 4 to 14
+# times the file's torque that rotors and friction may take: those of right logs took 4 to 14
+MOST_UNMODELLED = 30.0
 FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
 STEP = 0.03  # of a joint's top speed, over which friction changes its sign
 UNITS = {
@@ -28,64 +29,65 @@ NEAR_FACTOR = 1.25  # a known unit explains a slope that is nearer than this
 NEAR_FILE = 1.6  # factor that masses of a right file may be off
 
 
-def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
+def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
     """Unit of commands that ought to be forces; None where no commands are logged.
 
     Args:
         torque: (n, k) commands predicted by the model file.
         limit: (k,) largest commands, for percentages.
     """
-    if seen.command is None:
+    if motion.command is None:
         return None
-    slope, like = slopes(seen.command, torque)
+    slope, like = slopes(motion.command, torque)
     size = torque.std(axis=0)
-    judged = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(seen.q)
-    high = judged & (slope > SLOPE) & (slope < MOST_OWN)
+    comparable = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(motion.q)
+    high = comparable & (slope > SLOPE) & (slope < MOST_UNMODELLED)
     if high.any():  # a unit shows beside what is the joint's own; on a circle that follows the file's torque
-        beside, follows = slopes(*_beside_own(seen, torque))
-        judged &= ~high | ((beside > SLOPE) & (follows > FOLLOWS))
-    wrong = judged & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
+        beside, follows = slopes(*_partial_residuals(motion, torque))
+        comparable &= ~high | ((beside > SLOPE) & (follows > FOLLOWS))
+    wrong = comparable & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
     if wrong.any():
-        return _unit(seen, slope, wrong, limit)
-    if not judged.any():
+        return _unit(motion, slope, wrong, limit)
+    if not comparable.any():
         return Finding(SCALE, "cannot tell", "No command follows the model file closely enough.")
-    values = ", ".join(f"{value:.2g}" for value in slope[judged])
-    said = f"Commands of {named(seen.parts, judged)} are {values} times the file's {_words(seen, judged)[0]}."
-    return Finding(SCALE, "green", said)
+    values = ", ".join(f"{value:.2g}" for value in slope[comparable])
+    names, quantity = named(motion.parts, comparable), _quantity(motion, comparable)[0]
+    fact = f"Commands of {names} are {values} times the file's {quantity}."
+    return Finding(SCALE, "green", fact)
 
 
-def _beside_own(seen: Seen, torque: Array) -> tuple[Array, Array]:
-    """(n, k) command and torque less what a constant, inertia and friction of the joint's own explain: a file
-    need hold neither rotors nor friction.
+def _partial_residuals(motion: Seen, torque: Array) -> tuple[Array, Array]:
+    """(n, k) residuals of command and torque after the regression on a constant, inertia and friction. A
+    model file need contain neither rotors nor friction.
     """
-    assert seen.command is not None
-    command, rest = seen.command.copy(), torque.copy()
-    slow = STEP * np.abs(seen.qd).max(axis=0) + np.finfo(float).tiny
-    for j, friction in enumerate(np.tanh(seen.qd / slow).T):
-        own = np.column_stack([np.ones(len(rest)), seen.qdd[:, j], seen.qd[:, j], friction])
-        Q = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny))[0]
+    assert motion.command is not None
+    command, predicted = motion.command.copy(), torque.copy()
+    slow = STEP * np.abs(motion.qd).max(axis=0) + np.finfo(float).tiny
+    for j, friction in enumerate(np.tanh(motion.qd / slow).T):
+        regressors = np.column_stack([np.ones(len(predicted)), motion.qdd[:, j], motion.qd[:, j], friction])
+        Q = np.linalg.qr(regressors / np.maximum(np.linalg.norm(regressors, axis=0), np.finfo(float).tiny))[0]
         command[:, j] -= Q @ (Q.T @ command[:, j])
-        rest[:, j] -= Q @ (Q.T @ rest[:, j])
-    return command, rest
+        predicted[:, j] -= Q @ (Q.T @ predicted[:, j])
+    return command, predicted
 
 
-def load_beside(seen: Seen, torque: Array, per_kg: Array) -> float:
+def load_beside(motion: Seen, torque: Array, per_kg: Array) -> float:
     """kg at the last link that explain slopes without a common unit; 0 if they are alike, or no load does.
 
     Args:
         torque, per_kg: (n, k) commands predicted by the model file, and their change per kg.
     """
-    assert seen.command is not None
-    own = goes_far(seen.q) & (seen.command.std(axis=0) > 0.0)
-    u, F, C = (part[:, own] - part[:, own].mean(axis=0) for part in (seen.command, torque, per_kg))
-    u, F, C = (part / seen.command[:, own].std(axis=0) for part in (u, F, C))
+    assert motion.command is not None
+    mask = goes_far(motion.q) & (motion.command.std(axis=0) > 0.0)
+    u, F, C = (part[:, mask] - part[:, mask].mean(axis=0) for part in (motion.command, torque, per_kg))
+    u, F, C = (part / motion.command[:, mask].std(axis=0) for part in (u, F, C))
     before, follows = slopes(u, F)
     square = float((C * C).sum())
     kg = float((C * (u - F)).sum()) / square if square > 0.0 else 0.0
-    after, judged = slopes(u, F + kg * C)[0], follows > FOLLOWS
-    if not kg > 0.0 or judged.sum() < 2 or np.ptp(np.log(before[judged])) < np.log(NEAR_FACTOR):
+    after, comparable = slopes(u, F + kg * C)[0], follows > FOLLOWS
+    if not kg > 0.0 or comparable.sum() < 2 or np.ptp(np.log(before[comparable])) < np.log(NEAR_FACTOR):
         return 0.0
-    return kg if (np.abs(np.log(np.maximum(after[judged], FAINT))) < np.log(NEAR_FILE)).all() else 0.0
+    return kg if (np.abs(np.log(np.maximum(after[comparable], FAINT))) < np.log(NEAR_FILE)).all() else 0.0
 
 
 def slopes(command: Array, torque: Array) -> tuple[Array, Array]:
@@ -96,13 +98,13 @@ def slopes(command: Array, torque: Array) -> tuple[Array, Array]:
     return product / np.maximum(square, tiny), product / np.sqrt(np.maximum(square * other, tiny))
 
 
-def _unit(seen: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
+def _unit(motion: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
     values = ", ".join(f"{value:.3g}" for value in slope[wrong])
-    word, unit = _words(seen, wrong)
+    word, unit = _quantity(motion, wrong)
     return Finding(
         SCALE,
         "yellow",
-        f"The commands of {named(seen.parts, wrong)} are {values} times the {word} of the model file: "
+        f"The commands of {named(motion.parts, wrong)} are {values} times the {word} of the model file: "
         f"{_guess(np.abs(slope[wrong]), limit[wrong]).replace('N m', unit)}",
         "State the unit in the header or in the robot file (command_unit), or convert them; "
         + accepted(SCALE)
@@ -111,9 +113,9 @@ def _unit(seen: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
     )
 
 
-def _words(seen: Seen, joints: Mask) -> tuple[str, str]:
+def _quantity(motion: Seen, joints: Mask) -> tuple[str, str]:
     """Kind and unit of those joints' commands: forces if all of them slide, else torques."""
-    kinds = {unit for unit, own in zip(seen.units, joints.tolist(), strict=True) if own}
+    kinds = {unit for unit, selected in zip(motion.units, joints.tolist(), strict=True) if selected}
     return {("m",): ("force", "N"), ("m", "rad"): ("torque or force", "N m (N)")}.get(
         tuple(sorted(kinds)), ("torque", "N m")
     )

@@ -59,8 +59,8 @@ class Numbers:
         path = joints(log)
         if path is None or len(log) < LEAST_ROWS:
             return None
-        known = log.channels.values()
-        command = next(c for c in known if c.role == "command" and c.acts_on == path.name)
+        channels = log.channels.values()
+        command = next(c for c in channels if c.role == "command" and c.acts_on == path.name)
         v = next((log[name] for name in measured_rates(log, path)), None)
         none = np.full(len(path.parts), np.inf)
         lower, upper = limits.get(path.name, (-none, none))
@@ -79,20 +79,20 @@ def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
     Args:
         limits: lower and upper (parts,) by channel; those of positions show which joints exceed one turn.
     """
-    found = [*_rows_held(log)]
+    findings = [*_rows_held(log)]
     numbers = Numbers.of(log, limits)
-    if found or numbers is None:
-        return tuple(found)
+    if findings or numbers is None:
+        return tuple(findings)
     for test in (_blocks_held, _wrapped, _copied, _unsigned, _off, _overflown):
-        found += test(numbers)
-    if not found:
-        found += _clipped(numbers, limits)
-    if not any(f.check in (HELD, TURNS) for f in found):
-        found += _rows_lost(numbers)
-    return tuple(found)
+        findings += test(numbers)
+    if not findings:
+        findings += _clipped(numbers, limits)
+    if not any(f.check in (HELD, TURNS) for f in findings):
+        findings += _rows_lost(numbers)
+    return tuple(findings)
 
 
-def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Mendable]:
+def _possible(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Mendable]:
     """The finding of a hypothesis without automatic repair: certain, likely, or none.
 
     Args:
@@ -100,10 +100,10 @@ def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> 
     """
     if odds <= LIKELY:
         return
-    said = fact if odds >= CERTAIN else f"{fact} (odds {_odds(odds)})"
+    sentence = fact if odds >= CERTAIN else f"{fact} (odds {_odds(odds)})"
     step = f"{step} {both(check, mend) if mend else accepted(check) + '.'}".strip()
     yield Mendable(
-        check, "red" if odds >= CERTAIN else "yellow", f"{said}.", step[:1].upper() + step[1:], flag=check
+        check, "red" if odds >= CERTAIN else "yellow", f"{sentence}.", step[:1].upper() + step[1:], flag=check
     )
 
 
@@ -125,11 +125,11 @@ SLOW_COMMANDS = 2.0, 60.0  # Hz between which commands are held and no program o
 
 def new_rows(*blocks: Array) -> Mask:
     """(T,) rows that differ from the row before in any column of blocks (T, k); the first is one."""
-    found = np.zeros(len(blocks[0]), dtype=np.bool_)
-    found[0] = True
+    is_new = np.zeros(len(blocks[0]), dtype=np.bool_)
+    is_new[0] = True
     for column in (column for block in blocks for column in block.T):
-        found[1:] |= column[1:] != column[:-1]
-    return found
+        is_new[1:] |= column[1:] != column[:-1]
+    return is_new
 
 
 def _counted(q: Array) -> bool:
@@ -146,8 +146,8 @@ def repeats(new: Mask, motion: Array) -> float:
     gaps = np.diff(rows)
     if len(gaps) < SEVERAL or gaps.mean() < REPEATED:
         return 1.0
-    way = np.abs(np.diff(motion[rows], axis=0)) / np.maximum(np.ptp(motion, axis=0), np.finfo(float).tiny)
-    far = way.sum(axis=1)
+    travel = np.abs(np.diff(motion[rows], axis=0)) / np.maximum(np.ptp(motion, axis=0), np.finfo(float).tiny)
+    far = travel.sum(axis=1)
     gaps = gaps[far >= np.median(far)]
     middle = float(np.median(gaps))
     alike = gaps[np.abs(gaps - middle) <= max(1.0, ALIKE_ROWS * middle)]
@@ -179,17 +179,17 @@ def _held_fact(what: str, each: float, step: float) -> Iterator[Finding]:
 def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
     """Finding that commands or positions are updated more slowly than the other channels."""
     motion, rate = (numbers.q,) if numbers.v is None else (numbers.q, numbers.v), 1.0 / numbers.step
-    fresh, given = new_rows(*motion), new_rows(numbers.u)
-    share, others = float(fresh.mean()), float(given.mean())
+    fresh, fresh_commands = new_rows(*motion), new_rows(numbers.u)
+    share, others = float(fresh.mean()), float(fresh_commands.mean())
     if min(share, others) > 0.5:
         return
     if share < others:
         if (each := repeats(fresh, numbers.q)) > 2.0 and not _counted(numbers.q):
             yield from _held_fact("Every position", each, numbers.step)
-    elif (each := repeats(given, numbers.q)) > 2.0 and not _counted(numbers.u):
+    elif (each := repeats(fresh_commands, numbers.q)) > 2.0 and not _counted(numbers.u):
         slowest, fastest = SLOW_COMMANDS
         if slowest < rate / each < fastest:
-            yield from _asked(
+            yield from _possible(
                 COMMANDS_HELD,
                 BEYOND_CHANCE,
                 f"Commands change {rate / each:.3g} times a second in a log of {rate:.4g} rows a second: "
@@ -201,7 +201,7 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
 TURN_RAD, TURN_DEGREES = 2.0 * math.pi, 360.0
 OF_A_TURN = 0.02  # by which a step may miss one turn
 MOSTLY_AGAINST = 0.8  # of the speeds at jumps; where a joint is slow, noise has a sign too
-ONCE = 1.05  # turns: a joint that reaches further may turn on and on
+ENDLESS_TURNS = 1.05  # turns: a joint with a wider range may turn endlessly
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,13 +211,13 @@ class Turns:
     Attributes:
         q: (T, J) corrected positions.
         jumps: (J,) number of wraps. away: (J,) turns by which a joint that never wraps is outside its limits.
-        seen: (J,) whether the velocity at the jumps has the opposite sign.
+        opposed: (J,) whether the velocity at the jumps has the opposite sign.
     """
 
     q: Array
     jumps: Array
     away: Array
-    seen: Mask
+    opposed: Mask
 
     @staticmethod
     def of(numbers: Numbers) -> Turns | None:
@@ -225,20 +225,20 @@ class Turns:
         hinges = np.array(numbers.path.units) == "rad"
         top = np.where(hinges, np.abs(np.diff(numbers.q, axis=0)).max(axis=0), 0.0)
         turn = TURN_DEGREES if top.max() > 0.5 * TURN_DEGREES else TURN_RAD
-        q, jumps, seen = numbers.q.copy(), np.zeros(len(hinges)), np.zeros(len(hinges), dtype=np.bool_)
+        q, jumps, opposed = numbers.q.copy(), np.zeros(len(hinges)), np.zeros(len(hinges), dtype=np.bool_)
         for j in np.flatnonzero(top > 0.5 * turn).tolist():
             steps = _whole_turns(q[:, j], turn)
             q[1:, j] -= turn * np.cumsum(steps)
             jumps[j] = np.abs(steps).sum()
             against = 0.0 * steps if numbers.v is None else -steps * numbers.v[1:, j]
-            seen[j] = against.sum() > MOSTLY_AGAINST * np.abs(against).sum()
+            opposed[j] = against.sum() > MOSTLY_AGAINST * np.abs(against).sum()
         scale = turn / TURN_RAD  # of limits, which are rad
         low, high, reach = q.min(axis=0), q.max(axis=0), scale * numbers.reach
         centre = 0.5 * (low + high) - scale * numbers.middle
         outside = (np.abs(centre) > 0.5 * reach) & (high - low < reach)
         away = np.where(hinges & outside & (jumps == 0.0), np.round(centre / turn), 0.0)
         q -= turn * np.where(jumps > 0.0, np.round(centre / turn), away)
-        return Turns(q, jumps, away, seen) if jumps.any() or away.any() else None
+        return Turns(q, jumps, away, opposed) if jumps.any() or away.any() else None
 
 
 def _whole_turns(q: Array, turn: float) -> Array:
@@ -260,13 +260,13 @@ def _wrapped(numbers: Numbers) -> Iterator[Finding]:
         facts.append(f"{named(numbers.parts, wrap)}: {times} jump{'s'[: times > 1]} of one turn")
     if far.any():
         facts.append(f"{named(numbers.parts, far)}: whole turns outside of the limits")
-    endless = np.isfinite(numbers.reach) & (numbers.reach > ONCE * TURN_RAD)
-    if times and (endless | turns.seen)[wrap].all():
-        found = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
+    endless = np.isfinite(numbers.reach) & (numbers.reach > ENDLESS_TURNS * TURN_RAD)
+    if times and (endless | turns.opposed)[wrap].all():
+        findings = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
     else:
         odds = max(10.0 + times * math.log(50.0), BEYOND_CHANCE * far.any())
-        found = _asked(TURNS, odds, "; ".join(facts), "The angles wrap.", mend="unwrap them")
-    for finding in found:
+        findings = _possible(TURNS, odds, "; ".join(facts), "The angles wrap.", mend="unwrap them")
+    for finding in findings:
         yield replace(finding, by=(*numbers.reach.tolist(), *numbers.middle.tolist()))
 
 
@@ -300,9 +300,9 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
     moving = np.tile(goes_far(numbers.q), len(blocks))  # computed commands of joints that stand are alike
     pairs = [(a, b) for a, b in np.argwhere(np.triu(like > SAME, 1)).tolist() if moving[a] or moving[b]]
     if pairs:
-        said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
+        names = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
         step = "Look at the names of the columns, and export the log again."
-        yield from _asked(COPIED, 100.0, f"These are one column: {said}", step)
+        yield from _possible(COPIED, 100.0, f"These are one column: {names}", step)
 
 
 def _centred(block: Array) -> Array:
@@ -330,7 +330,7 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
     step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
     if bit := _sign_bit(numbers.u):
         step = f"The sign is in bit {bit}: write {2**bit} - value for values from {2**bit} on."
-    yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
+    yield from _possible(UNSIGNED, visits * math.log(2.0), fact, step)
 
 
 def _sign_bit(commands: Array) -> int:
@@ -346,8 +346,8 @@ def _sign_bit(commands: Array) -> int:
 def _brief_visits(size: Array, step: float) -> int:
     """Number of times that `size` (T,), within 0..1, briefly reaches zero between two larger stretches."""
     near, rows = size < AT_ZERO, np.flatnonzero((size < AT_ZERO) | (size > AWAY))
-    found = [(a, b) for a, b in runs(near[rows]) if a > 0 and b < len(rows)]
-    return sum((rows[b - 1] - rows[a] + 1) * step < BRIEF_S for a, b in found)
+    visits = [(a, b) for a, b in runs(near[rows]) if a > 0 and b < len(rows)]
+    return sum((rows[b - 1] - rows[a] + 1) * step < BRIEF_S for a, b in visits)
 
 
 OFF_S = 0.3  # s: a shorter zero may be one
@@ -359,26 +359,26 @@ STEEP = 3.0  # times the step that 95 % of the rows stay below: into a rest comm
 def _off(numbers: Numbers) -> Iterator[Finding]:
     """Finding that all commands are exactly zero during motion: not logged, or the drives were off."""
     zero: Mask = np.asarray((numbers.u == 0.0).all(axis=1))
-    found = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S]
-    if found:
+    stretches = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S]
+    if stretches:
         step = np.abs(np.diff(numbers.q, axis=0, prepend=numbers.q[:1]))
         least = np.maximum(MOVING * np.quantile(step, 0.95, axis=0), np.finfo(float).tiny)
         goes: Mask = np.asarray((step > least).any(axis=1))
         falls = np.abs(np.diff(numbers.u, axis=0))
         fell = np.asarray((falls > STEEP * np.quantile(falls, 0.95, axis=0)).any(axis=1))
-        found = [
+        stretches = [
             (a, b)
-            for a, b in found
+            for a, b in stretches
             if goes[a:b].mean() > MOSTLY and (fell[max(a - 1, 0) : a].any() or fell[b - 1 : b].any())
         ]
-    if not found or zero.all():
+    if not stretches or zero.all():
         return
-    seconds = sum(b - a for a, b in found) * numbers.step
+    seconds = sum(b - a for a, b in stretches) * numbers.step
     fact = f"For {seconds:.3g} s all commands are zero while joints move"
     if zero.mean() > 0.5:
-        yield from _asked(OFF, BEYOND_CHANCE, fact, "Log the commands of the whole motion.")
+        yield from _possible(OFF, BEYOND_CHANCE, fact, "Log the commands of the whole motion.")
         return
-    spans = tuple((float(numbers.t[a]), float(numbers.t[min(b, len(zero) - 1)])) for a, b in found)
+    spans = tuple((float(numbers.t[a]), float(numbers.t[min(b, len(zero) - 1)])) for a, b in stretches)
     for finding in _mended(OFF, fact, "that is cut."):
         yield replace(finding, spans=spans)
 
@@ -402,7 +402,7 @@ def _overflown(numbers: Numbers) -> Iterator[Finding]:
             top = float(np.abs(numbers.u[:, j]).max())
             fact = f"The command of {name} jumps {jumps} times through its whole range, at {top:.4g}"
             step = "It wraps where its integer ends: log it in a wider type, or smaller units."
-            yield from _asked(OVERFLOW, 10.0 * jumps, fact, step)
+            yield from _possible(OVERFLOW, 10.0 * jumps, fact, step)
 
 
 def _overflows(command: Array) -> int:
@@ -425,16 +425,18 @@ def _clipped(numbers: Numbers, limits: Limits) -> Iterator[Finding]:
     """Finding of commands that stay at their extreme while the joint continues to move."""
     lower, upper = limits.get(COMMAND, (np.array(-np.inf), np.array(np.inf)))
     reach = np.minimum(-lower, upper) * np.ones(len(numbers.parts))
-    found = clipped(numbers.q, numbers.u, reach)
-    if found is None:
+    clipping = clipped(numbers.q, numbers.u, reach)
+    if clipping is None:
         return
-    levels = ", ".join(f"{level:.4g}" for level in found.levels[found.joints])
-    share = 100.0 * float(found.rows.mean())
-    fact = f"The commands of {named(numbers.parts, found.joints)} stand at {levels} while the joints move, "
+    levels = ", ".join(f"{level:.4g}" for level in clipping.levels[clipping.joints])
+    share = 100.0 * float(clipping.rows.mean())
+    names = named(numbers.parts, clipping.joints)
+    fact = f"The commands of {names} stand at {levels} while the joints move, "
     fact += f"{share:.3g} % of the log: they were clipped"
     step = "Log the whole range, if the recorder clips; a drive that gives no more has a smaller limit."
-    spans = tuple((float(numbers.t[a]), float(numbers.t[b - 1] + numbers.step)) for a, b in runs(found.rows))
-    for finding in _asked(CLIPPED, BEYOND_CHANCE, fact, step, mend="cut these stretches"):
+    t, stretches = numbers.t, runs(clipping.rows)
+    spans = tuple((float(t[a]), float(t[b - 1] + numbers.step)) for a, b in stretches)
+    for finding in _possible(CLIPPED, BEYOND_CHANCE, fact, step, mend="cut these stretches"):
         yield replace(finding, spans=spans)
 
 
@@ -457,16 +459,16 @@ def _beside_late(numbers: Numbers) -> Mask:
     return np.convolve(late, np.ones(LATE_ROWS + 1), "full")[: len(late)] > 0.0
 
 
-def _told_steps(way: Array, dt: Array, by_velocity: Array | None) -> Array:
-    """The best predictor of a joint's steps `way` (T-1,) over the times `dt` (T-1,) of the stamps: its
-    velocity, or the mean speed around. Where stamps show a gap nothing is lost.
+def _predicted_steps(increments: Array, dt: Array, by_velocity: Array | None) -> Array:
+    """The best predictor of a joint's steps `increments` (T-1,) over the times `dt` (T-1,) of the stamps: its
+    velocity, or the mean speed around. A gap in the stamps is no loss of rows.
     """
-    told = [] if by_velocity is None else [by_velocity]
+    predictors = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
         window[count] = 0.0
-        told.append(np.convolve(way / dt, window, "same") * dt)
-    return min(told, key=lambda steps: float(np.median(np.abs(way - steps))))
+        predictors.append(np.convolve(increments / dt, window, "same") * dt)
+    return min(predictors, key=lambda steps: float(np.median(np.abs(increments - steps))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -491,16 +493,16 @@ class Steps:
         size, product = np.zeros((2, len(dt)))  # sums over joints, in units of their noise
         for j, q in enumerate(numbers.q.T):
             v = None if numbers.v is None else numbers.v[:, j]
-            way = np.diff(q)
-            said = _told_steps(way, dt, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
-            goes = np.abs(said) > SLOW * np.abs(said).max()
-            noise = max(float(np.abs(way - said)[goes].mean()), 1e-12) if goes.any() else np.inf
-            size += np.where(goes, said / noise, 0.0) ** 2
-            product += np.where(goes, said * way / noise**2, 0.0)
-        known = (size > 0.0) & ~_beside_late(numbers)
-        r = np.divide(product, size, out=np.ones(len(dt)), where=known)
+            increments = np.diff(q)
+            predicted = _predicted_steps(increments, dt, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
+            goes = np.abs(predicted) > SLOW * np.abs(predicted).max()
+            noise = max(float(np.abs(increments - predicted)[goes].mean()), 1e-12) if goes.any() else np.inf
+            size += np.where(goes, predicted / noise, 0.0) ** 2
+            product += np.where(goes, predicted * increments / noise**2, 0.0)
+        valid = (size > 0.0) & ~_beside_late(numbers)
+        r = np.divide(product, size, out=np.ones(len(dt)), where=valid)
         spread = 1.0 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
-        fast = known & (spread < NOISIEST)
+        fast = valid & (spread < NOISIEST)
         if fast.sum() < LEAST_STEPS:
             return None
         middle = float(np.median(r[fast]))
@@ -544,7 +546,7 @@ def _rows_lost(numbers: Numbers) -> Iterator[Finding]:
     if odds >= CERTAIN and numbers.v is not None:
         yield from _mended(LOST, fact, "the times are set right by the velocities.")
     elif count:
-        yield from _asked(LOST, odds, fact, "Log the stamps of the sensor.", mend="set the times right")
+        yield from _possible(LOST, odds, fact, "Log the stamps of the sensor.", mend="set the times right")
 
 
 def _retimed(log: Log, _: Mendable) -> Log:

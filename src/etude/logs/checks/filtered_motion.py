@@ -26,7 +26,7 @@ LEAST_ROWS = 8  # of a stretch that can be filtered
 WILD = 10.0  # times the step that 99 % of the rows stay below: there and back again is no motion
 NO_MOTION = 1e-9  # rad or m: positions that differ by less are the same
 ABOVE = 4.0  # times the noise: a filtered position that varies by less does not move
-SHAKEN = 0.005  # of the widest way in its unit, 1 rad or m at most: who goes less far is shaken by others
+SHAKEN = 0.005  # of the largest travel in its unit, 1 rad or m at most: a smaller one is vibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,23 +73,25 @@ def seen(log: Log, path: Channel) -> Seen | None:
     some stretches are used.
     """
     log = looked_at(log)
-    known = [c for c in log.channels.values() if c.name in log]
-    others: dict[str, Channel] = {c.role: c for c in known if c.role == "command" and c.acts_on == path.name}
-    logged = next((c for c in known if _rate_of(c, path)), None)
+    channels = [c for c in log.channels.values() if c.name in log]
+    others: dict[str, Channel] = {
+        c.role: c for c in channels if c.role == "command" and c.acts_on == path.name
+    }
+    logged = next((c for c in channels if _rate_of(c, path)), None)
     others |= {} if logged is None else {"logged": logged}
     pieces = [piece for piece in segments(log.t) if piece.stop - piece.start >= LEAST_ROWS]
     if path.name not in log or not pieces:
         return None
     for name in (path.name, *(c.name for c in others.values())):
-        log = _tamed(log, name)
+        log = _without_outliers(log, name)
     rate, cutoff = median_rate(log.t), _cutoff(log, path.name)
     keep = max(1, math.ceil(rate / RATE - 1e-6))
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    way = np.ptp(whole["q"], axis=0)
-    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_widest(way, path), 1.0))
-    moved = way > np.maximum(NO_MOTION, still)
+    travel = np.ptp(whole["q"], axis=0)
+    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_largest_travel(travel, path), 1.0))
+    moved = travel > np.maximum(NO_MOTION, still)
     speed = np.abs(whole["qd"])
     return Seen(
         whole["t"],
@@ -106,10 +108,10 @@ def seen(log: Log, path: Channel) -> Seen | None:
     )
 
 
-def _widest(way: Array, path: Channel) -> Array:
-    """(k,) for each coordinate the longest path of all coordinates in its unit."""
+def _largest_travel(travel: Array, path: Channel) -> Array:
+    """(k,) for each coordinate the largest travel of all coordinates in its unit."""
     return np.array(
-        [max(w for w, u in zip(way, path.units, strict=True) if u == unit) for unit in path.units]
+        [max(w for w, u in zip(travel, path.units, strict=True) if u == unit) for unit in path.units]
     )
 
 
@@ -121,14 +123,14 @@ def states_of(t: Array, path: Channel, q: Array, qd: Array, qdd: Array) -> Log:
     return log
 
 
-LEAST_WAY = 0.04  # rad or m: a joint that goes less far is shaken by others
-LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many rad or m
+LEAST_TRAVEL = 0.04  # rad or m: a smaller motion is vibration from other joints
+LEAST_SHARE, WIDEST = 0.03, 2.0  # of the largest travel, which counts up to WIDEST rad or m
 
 
 def goes_far(q: Array) -> Mask:
-    """(k,) whether positions q (n, k) vary by enough to judge the joint's commands."""
-    way = np.ptp(q, axis=0)
-    return np.asarray(way > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(way.max()), WIDEST)))
+    """(k,) whether positions q (n, k) vary by enough to test the joint's commands."""
+    travel = np.ptp(q, axis=0)
+    return np.asarray(travel > np.maximum(LEAST_TRAVEL, LEAST_SHARE * min(float(travel.max()), WIDEST)))
 
 
 def noise(q: Array) -> Array:
@@ -147,16 +149,16 @@ def joints(log: Log) -> Channel | None:
 
 def measured_rates(log: Log, path: Channel) -> list[str]:
     """The channel of the logged velocities, if there is one."""
-    own = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
-    return [c.name for c in own if c.name in log]
+    rates = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
+    return [c.name for c in rates if c.name in log]
 
 
 def _rate_of(channel: Channel, path: Channel) -> bool:
-    own = channel.derivative_of == path.name and channel.role in ("state", "aside")
-    return own and channel.parts == path.parts
+    is_rate = channel.derivative_of == path.name and channel.role in ("state", "aside")
+    return is_rate and channel.parts == path.parts
 
 
-def _tamed(log: Log, name: str) -> Log:
+def _without_outliers(log: Log, name: str) -> Log:
     """The log with single outliers replaced by the mean of their neighbours, so that none decides a test."""
     values = log[name]
     step = np.diff(values, axis=0)
@@ -189,8 +191,8 @@ def _stretch(
         return smooth(grid, resample(log.t, log[name], grid), cutoff)
 
     made = filtered(path.name)
-    found = {"t": grid[rows], "q": made.value[rows], "qd": made.first[rows], "qdd": made.second[rows]}
-    return found | {name: filtered(channel.name).value[rows] for name, channel in others.items()}
+    columns = {"t": grid[rows], "q": made.value[rows], "qd": made.first[rows], "qdd": made.second[rows]}
+    return columns | {name: filtered(channel.name).value[rows] for name, channel in others.items()}
 
 
 def runs(marked: Mask) -> Sequence[tuple[int, int]]:

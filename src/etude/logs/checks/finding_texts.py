@@ -46,10 +46,10 @@ class Excludable(Finding):
 
 def without_spans(log: Log, finding: Finding) -> Log:
     """The log less the rows in the finding's spans."""
-    kept = np.ones(len(log), dtype=np.bool_)
+    outside = np.ones(len(log), dtype=np.bool_)
     for start, end in finding.spans:
-        kept &= (log.t < start) | (log.t >= end)
-    return log.take(kept)
+        outside &= (log.t < start) | (log.t >= end)
+    return log.take(outside)
 
 
 def named(parts: Sequence[str], which: Mask) -> str:

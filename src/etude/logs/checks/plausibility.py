@@ -46,7 +46,7 @@ def judge_motion(
         channels: the robot's.
         limits: lower and upper (parts,) by channel.
         usual: Hz at which the robot is logged.
-        motion: what is seen of it, if that is known already.
+        motion: the filtered motion, if it is computed already.
     """
     if motion is None and path in log:
         motion = seen(log, log.channels[path])
@@ -58,14 +58,14 @@ def judge_motion(
     if leap is not None:
         return (leap,)
     rate = median_rate(log.t)
-    found = velocities.rate_finding(motion, rate, usual)
-    if found.light == "red":
-        return (found,)
+    finding = velocities.rate_finding(motion, rate, usual)
+    if finding.light == "red":
+        return (finding,)
     others = [degrees_finding(motion)]
     top = top_speed(log.channels[path], channels, limits)
-    if top is not None and found.light != "green":
+    if top is not None and finding.light != "green":
         others.append(speed_finding(motion, top, rate, usual))
-    return (found, *(other for other in others if other is not None))
+    return (finding, *(other for other in others if other is not None))
 
 
 def _leap(log: Log, path: str, channels: Sequence[Channel], limits: Limits) -> Finding | None:
@@ -82,23 +82,23 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
     """Unit of the commands, of a log whose clock and order are right; None where they act on no joint.
 
     Args:
-        body: what a model file says of the commands, by itself.
+        body: the model file's prediction of the commands.
         limit: (J,) how far each command reaches.
-        motion: what is seen of it, if that is known already.
+        motion: the filtered motion, if it is computed already.
     """
     motion, path = motion or commanded(log), joints(log)
     if motion is None or path is None or motion.command is None:
         return None
     states = states_of(motion.t, path, motion.q, motion.qd, motion.qdd)
     torque = body.predict(states)
-    found = scale_finding(motion, torque, limit)
-    if found is None or not found.flag or not isinstance(body, SupportsVariations):
-        return found
+    finding = scale_finding(motion, torque, limit)
+    if finding is None or not finding.flag or not isinstance(body, SupportsVariations):
+        return finding
     kg = load_beside(motion, torque, body.links(states)[:, :, -1, 0])
     if not kg:
-        return found
+        return finding
     fact = f"The commands follow the model file with {kg:.2g} kg more at the last link."
-    return Finding(found.check, "green", fact)
+    return Finding(finding.check, "green", fact)
 
 
 def commanded(log: Log) -> Seen | None:
@@ -150,19 +150,19 @@ def _signed(log: Log, finding: Mendable) -> Log:
 def _shifted(log: Log, finding: Mendable) -> Log:
     """by: s by which the commands are late; rows that have no command then are cut."""
     channel, late = _command(log), finding.by[0]
-    kept = (log.t + late >= log.t[0]) & (log.t + late <= log.t[-1])
-    command = resample(log.t, log[channel.name], log.t[kept] + late)
+    inside = (log.t + late >= log.t[0]) & (log.t + late <= log.t[-1])
+    command = resample(log.t, log[channel.name], log.t[inside] + late)
     sentence = f"{finding.sentence} They were shifted by that."
-    return log.take(kept).put(channel, command).repaired(sentence)
+    return log.take(inside).put(channel, command).repaired(sentence)
 
 
 def _command(log: Log) -> Channel:
     return next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
 
 
-def mended(log: Log, found: Sequence[Finding]) -> Log:
+def mended(log: Log, findings: Sequence[Finding]) -> Log:
     """The log after all repairs that lose nothing."""
-    for finding in found:
+    for finding in findings:
         log = repaired(log, finding) if isinstance(finding, Mendable) and finding.free else log
     return log
 
@@ -184,7 +184,7 @@ WILD = 5.0  # times the second difference that 99 % of the rows stay below: nois
 RARE = 0.01  # of the steps may be further than the limits allow: with more, the limits are another vehicle's
 MOST_JUMP_ROWS = 4  # rows that a jump may touch, however short the log is
 BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
-SPARE_S = 0.1  # left out to either side, or as much as makes a pause
+MARGIN_S = 0.1  # left out to either side, or as much as makes a pause
 NAMED = 5  # spans in a sentence; the rest are counted
 
 
@@ -205,15 +205,15 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     marked = np.asarray((excess != 0.0).any(axis=1))
     if not marked.any() or marked.sum() > max(RARE * len(marked), MOST_JUMP_ROWS):
         return Finding(JUMP, "green", "No position jumps.")
-    spare = max(SPARE_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
-    spans = _jump_spans(t, marked, spare)
+    margin = max(MARGIN_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
+    spans = _jump_spans(t, marked, margin)
     parts = log.channels[path].parts
-    said = [_said(t, excess, parts, span) for span in spans[:NAMED]]
+    sentences = [_jump_sentence(t, excess, parts, span) for span in spans[:NAMED]]
     more = f", and {len(spans) - NAMED} times more" if len(spans) > NAMED else ""
     return Excludable(
         JUMP,
         "yellow",
-        f"The {path} jumps where no speed within the limits explains it: {'; '.join(said)}{more}.",
+        f"The {path} jumps where no speed within the limits explains it: {'; '.join(sentences)}{more}.",
         "The rows around are left out, and the longest stretch between is learned from, unless told with "
         f"--accept {JUMP}. Was the estimator reset? Altitudes before and after may differ.",
         spans=spans,
@@ -223,9 +223,9 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
 def _excess(t: Array, q: Array, top: Array) -> Array:
     """(n - 1, k) m by which each step exceeds the motion beside it; 0 where it is possible."""
     step, dt = np.diff(q, axis=0), np.diff(t)[:, None]
-    found = np.zeros(step.shape)
+    excess = np.zeros(step.shape)
     if len(q) < 2 * BESIDE_ROWS + 2:
-        return found
+        return excess
     # in a short log one jump is more than one row in a hundred
     share = min(0.99, 1.0 - MOST_JUMP_ROWS / len(q))
     usual = np.quantile(np.abs(np.diff(q, 2, axis=0)), share, axis=0)
@@ -233,8 +233,8 @@ def _excess(t: Array, q: Array, top: Array) -> Array:
     for k, j in np.argwhere(np.abs(step) > most).tolist():
         rate = _beside(t, step[:, j] / dt[:, 0], np.abs(step[:, j]) > most[:, j], k)
         far = float(step[k, j] - rate * dt[k, 0])
-        found[k, j] = far if abs(far) > most[k, j] and _whole(step[:, j], t, k) > LEAST_JUMP else 0.0
-    return found
+        excess[k, j] = far if abs(far) > most[k, j] and _whole(step[:, j], t, k) > LEAST_JUMP else 0.0
+    return excess
 
 
 def _beside(t: Array, rate: Array, wild: Mask, k: int) -> float:
@@ -246,23 +246,23 @@ def _beside(t: Array, rate: Array, wild: Mask, k: int) -> float:
 
 
 def _whole(step: Array, t: Array, k: int) -> float:
-    """m that the steps within `SPARE_S` of step k make: a jump may be drawn out by interpolation."""
-    low, high = np.searchsorted(t[:-1], [t[k] - SPARE_S, t[k] + SPARE_S])
+    """m that the steps within `MARGIN_S` of step k make: a jump may be drawn out by interpolation."""
+    low, high = np.searchsorted(t[:-1], [t[k] - MARGIN_S, t[k] + MARGIN_S])
     return max(abs(float(step[int(low) : int(high)].sum())), abs(float(step[k])))
 
 
-def _jump_spans(t: Array, marked: Mask, spare: float) -> tuple[tuple[float, float], ...]:
+def _jump_spans(t: Array, marked: Mask, margin: float) -> tuple[tuple[float, float], ...]:
     """(s) around the steps that are marked, joined where they meet."""
-    found: list[tuple[float, float]] = []
+    spans: list[tuple[float, float]] = []
     for k in np.flatnonzero(marked).tolist():
-        start, end = float(t[k]) - spare, float(t[k + 1]) + spare
-        if found and start <= found[-1][1]:
-            start = found.pop()[0]
-        found.append((start, end))
-    return tuple(found)
+        start, end = float(t[k]) - margin, float(t[k + 1]) + margin
+        if spans and start <= spans[-1][1]:
+            start = spans.pop()[0]
+        spans.append((start, end))
+    return tuple(spans)
 
 
-def _said(t: Array, excess: Array, parts: tuple[str, ...], span: tuple[float, float]) -> str:
+def _jump_sentence(t: Array, excess: Array, parts: tuple[str, ...], span: tuple[float, float]) -> str:
     """As "by 1.7 m in x at 12.30 s"."""
     rows = np.flatnonzero((t[:-1] > span[0]) & (t[1:] < span[1]) & (excess != 0.0).any(axis=1))
     moved = np.cumsum(excess[rows], axis=0)  # of a spike the sum is none
@@ -314,5 +314,5 @@ def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:
 
 
 def _off_spans(off: Mask, edges: Array) -> tuple[tuple[float, float], ...]:
-    found = [(float(edges[a]), float(edges[b])) for a, b in runs(off)]
-    return tuple((start, end) for start, end in found if end - start >= LEAST_S)
+    spans = [(float(edges[a]), float(edges[b])) for a, b in runs(off)]
+    return tuple((start, end) for start, end in spans if end - start >= LEAST_S)

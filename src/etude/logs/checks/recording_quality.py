@@ -29,7 +29,7 @@ def column_findings(log: Log, limits: Limits) -> tuple[Finding, ...]:
     return (_dead(log), _empty(log), _coarse(log), _saturated(log, limits), _leaping(log))
 
 
-def judged(log: Log) -> list[Channel]:
+def checked_channels(log: Log) -> list[Channel]:
     """The channels that are measured or commanded."""
     return [c for n, c in log.channels.items() if c.role in ("state", "command", "aside") and n in log]
 
@@ -45,7 +45,7 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
 
 def _dead(log: Log) -> Finding:
     dead, worse, still = [], [], False
-    for channel in judged(log):
+    for channel in checked_channels(log):
         values = log[channel.name]
         for j in np.flatnonzero((_range(values) == 0.0) & np.isfinite(values).any(axis=0)).tolist():
             dead.append(label(channel, j))
@@ -72,7 +72,7 @@ def _range(values: Array) -> Array:
 
 def _empty(log: Log) -> Finding:
     shares, needed = {}, 0.0
-    for channel in judged(log):
+    for channel in checked_channels(log):
         for j, share in enumerate((1.0 - np.isfinite(log[channel.name]).mean(axis=0)).tolist()):
             if share > 0.0:
                 shares[label(channel, j)] = share
@@ -91,7 +91,7 @@ def _empty(log: Log) -> Finding:
 
 def _coarse(log: Log) -> Finding:
     steps = {}
-    for channel in [c for c in judged(log) if c.role == "state" or not c.parts[0]]:
+    for channel in [c for c in checked_channels(log) if c.role == "state" or not c.parts[0]]:
         for j in range(len(channel.parts)):
             quantum, size = resolution(log[channel.name][:, j])
             if quantum > 0.0:
@@ -99,11 +99,11 @@ def _coarse(log: Log) -> Finding:
     if not steps:
         return Finding("quantisation", "green", "No column shows the steps of its sensor.")
     worst = max(steps, key=lambda name: steps[name])
-    said = f"The coarsest column is {worst}: its range is {1.0 / steps[worst]:.3g} steps of the sensor."
+    fact = f"The coarsest column is {worst}: its range is {1.0 / steps[worst]:.3g} steps of the sensor."
     if steps[worst] < COARSE:
-        return Finding("quantisation", "green", said)
+        return Finding("quantisation", "green", fact)
     step = "Write more digits; if the encoder is so coarse, move further and faster."
-    return Finding("quantisation", "yellow", said, step)
+    return Finding("quantisation", "yellow", fact, step)
 
 
 def resolution(values: Array) -> tuple[float, float]:
@@ -119,18 +119,18 @@ def resolution(values: Array) -> tuple[float, float]:
 
 def _saturated(log: Log, limits: Limits) -> Finding:
     marked, shares = np.zeros(len(log), dtype=np.bool_), {}
-    for channel in [c for c in judged(log) if c.role == "command"]:
+    for channel in [c for c in checked_channels(log) if c.role == "command"]:
         at = _at_edge(log[channel.name], channel, limits)
         for j in np.flatnonzero(at.mean(axis=0) > SATURATED).tolist():
             shares[label(channel, j)] = float(at[:, j].mean())
             marked |= at[:, j]
     if not shares:
         return Finding("saturation", "green", "No command stays at an extreme.")
-    said = ", ".join(f"{name} for {100 * share:.3g} %" for name, share in shares.items())
+    names = ", ".join(f"{name} for {100 * share:.3g} %" for name, share in shares.items())
     return Finding(
         "saturation",
         "yellow",
-        f"Commands stay at an extreme: {said} of the time.",
+        f"Commands stay at an extreme: {names} of the time.",
         "There the command says little of the motion: run it gentler.",
         spans=spans_of(log.t, np.flatnonzero(marked)),
     )
@@ -154,7 +154,7 @@ def _leaping(log: Log) -> Finding:
     names = []
     between = np.diff(log.t)
     pause = between > GAP_FACTOR * np.median(between) if len(between) else between > 0.0
-    for channel in [c for c in judged(log) if c.role == "state" and not c.derivative_of]:
+    for channel in [c for c in checked_channels(log) if c.role == "state" and not c.derivative_of]:
         step = np.nan_to_num(np.abs(np.diff(log[channel.name], axis=0)))
         usual = np.quantile(step, 0.99, axis=0) if len(step) else np.zeros(len(channel.parts))
         step[pause] = 0.0
@@ -180,12 +180,12 @@ SPANS = 50  # that are marked
 
 def clock_findings(log: Log) -> tuple[Finding, ...]:
     """Findings of the recorded times, row by row; times may be unordered or missing."""
-    known = np.isfinite(log.t)
-    if known.sum() < 2 or not (np.diff(log.t[known]) > 0).any():
+    finite = np.isfinite(log.t)
+    if finite.sum() < 2 or not (np.diff(log.t[finite]) > 0).any():
         return (
             Finding("rate", "red", "The log has no two rows at different times.", "Export the log again."),
         )
-    log = log.take(known)
+    log = log.take(finite)
     steps = np.diff(log.t)
     forward = steps[steps > 0]
     step = float(np.median(forward))
@@ -194,13 +194,13 @@ def clock_findings(log: Log) -> tuple[Finding, ...]:
 
 def _rate(forward: Array, step: float) -> Finding:
     spread = float(np.quantile(np.abs(forward / step - 1.0), 0.95))
-    said = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.3g} % of {step:.4g} s."
+    fact = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.3g} % of {step:.4g} s."
     if not SLOWEST < 1.0 / step < FASTEST:
-        return Finding("rate", "yellow", said, "No robot is recorded so: are the times in another unit?")
+        return Finding("rate", "yellow", fact, "No robot is recorded so: are the times in another unit?")
     if spread < JITTER:
-        return Finding("rate", "green", said)
+        return Finding("rate", "green", fact)
     return Finding(
-        "rate", "yellow", said, "Log at a fixed rate, or take the stamps of the sensor, not the host's."
+        "rate", "yellow", fact, "Log at a fixed rate, or take the stamps of the sensor, not the host's."
     )
 
 
@@ -238,10 +238,10 @@ def _gaps(t: Array, steps: Array, step: float) -> Finding:
 def _repeats(steps: Array) -> Finding:
     """Rows at the time of the row before; rows that hold their values are `exact`'s."""
     share = float((steps == 0).mean())
-    said = f"{100 * share:.3g} % of the rows repeat the time before."
+    fact = f"{100 * share:.3g} % of the rows repeat the time before."
     if share < REPEATED:
-        return Finding("repeats", "green", said)
-    return Finding("repeats", "yellow", said, "Repeated times are dropped: log at the sensor's rate.")
+        return Finding("repeats", "green", fact)
+    return Finding("repeats", "yellow", fact, "Repeated times are dropped: log at the sensor's rate.")
 
 
 def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:
@@ -260,12 +260,12 @@ STANDING, SMALL = 0.8, 0.2  # of the time; of the limits
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
     """Findings of the coordinates `path` of a log with ordered rows and finite numbers."""
-    found = [_noise(log, path, motion)]
+    findings = [_noise(log, path, motion)]
     if motion.moves.any():
-        found.append(_rest(motion))
+        findings.append(_standstill(motion))
     if path.name in limits:
-        found.append(_coverage(log, path, motion, limits))
-    return tuple(found)
+        findings.append(_coverage(log, path, motion, limits))
+    return tuple(findings)
 
 
 def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
@@ -276,51 +276,51 @@ def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     if len(grid) < 4 * LEAST_ROWS or not motion.moves.any():
         return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
-    raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, motion.cutoff)
+    raw, filtered = np.sqrt(6.0) * level * rate**2, level * _filter_gain(rate, motion.cutoff)
     size = motion.qdd.std(axis=0)
-    share = np.where(motion.moves, kept / np.where(size > 0.0, size, np.inf), 0.0)
+    share = np.where(motion.moves, filtered / np.where(size > 0.0, size, np.inf), 0.0)
     worst = int(np.argmax(share))
     unit = path.units[worst]
-    said = (
+    fact = (
         f"Positions of {path.parts[worst]} are noisy by {level[worst]:.2g} {unit}; differentiated twice "
         f"that is {raw[worst]:.2g} {unit}/s^2, behind the filter of {motion.cutoff:.3g} Hz "
-        f"{kept[worst]:.2g}, where the motion has {size[worst]:.2g}."
+        f"{filtered[worst]:.2g}, where the motion has {size[worst]:.2g}."
     )
     if share[worst] < NOISY:
-        return Finding("noise", "green", said)
-    return Finding("noise", "yellow", said, "Move faster, or log positions with more digits and less noise.")
+        return Finding("noise", "green", fact)
+    return Finding("noise", "yellow", fact, "Move faster, or log positions with more digits and less noise.")
 
 
-def _passed(rate: float, cutoff: float) -> float:
+def _filter_gain(rate: float, cutoff: float) -> float:
     """Deviation of the second derivative behind the filter, per deviation of white noise at that rate."""
     f = np.linspace(0.0, 0.5 * rate, 2001)
     density = (2.0 * np.pi * f) ** 4 / (1.0 + (f / cutoff) ** 4) ** 2
     return float(np.sqrt(density.mean()))
 
 
-def _rest(motion: Seen) -> Finding:
+def _standstill(motion: Seen) -> Finding:
     share = 1.0 - motion.moving.mean(axis=0)
     never, long = ~motion.moves, motion.moves & (share > STANDING)
-    said = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
+    fact = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
     if never.any():
-        said = f"{named(motion.parts, never)} never move{'s'[: int(never.sum()) == 1]}. {said}"
+        fact = f"{named(motion.parts, never)} never move{'s'[: int(never.sum()) == 1]}. {fact}"
     elif not long.any():
-        return Finding("rest", "green", said)
-    return Finding("rest", "yellow", said, "Move every joint that is to be learned, and more of the time.")
+        return Finding("rest", "green", fact)
+    return Finding("rest", "yellow", fact, "Move every joint that is to be learned, and more of the time.")
 
 
 def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
     lower, upper = limits[path.name]
     share = np.ptp(log[path.name], axis=0) / (upper - lower)
-    said = f"Positions cover {100 * share.min():.0f} to {100 * share.max():.0f} % of their limits"
+    fact = f"Positions cover {100 * share.min():.0f} to {100 * share.max():.0f} % of their limits"
     top = limits.get(f"{path.name}d")
     if top is not None:
         fast = np.abs(motion.qd).max(axis=0) / np.abs(top[1])
-        said += f", speeds reach {100 * fast.min():.0f} to {100 * fast.max():.0f} %"
+        fact += f", speeds reach {100 * fast.min():.0f} to {100 * fast.max():.0f} %"
     small = share < SMALL
     if not small.any():
-        return Finding("coverage", "green", f"{said}.")
-    said += f"; little is seen of {named(motion.parts, small)}."
+        return Finding("coverage", "green", f"{fact}.")
+    fact += f"; little is seen of {named(motion.parts, small)}."
     return Finding(
-        "coverage", "yellow", said, "A model knows what it was shown: etude ask proposes the rest."
+        "coverage", "yellow", fact, "A model knows what it was shown: etude ask proposes the rest."
     )

@@ -44,13 +44,13 @@ class Slopes:
         return np.asarray((self.beta < 1.0 + OFF) & (most > 1.0 - OFF))
 
     @staticmethod
-    def of(seen: Seen) -> Slopes | None:
+    def of(motion: Seen) -> Slopes | None:
         """None where no velocity is logged."""
-        if seen.logged is None:
+        if motion.logged is None:
             return None
-        beta, r = np.full((2, len(seen.parts)), np.nan)
-        for j in np.flatnonzero(seen.seconds * seen.cutoff > LEAST_PERIODS):
-            slope, rate = seen.qd[seen.moving[:, j], j], seen.logged[seen.moving[:, j], j]
+        beta, r = np.full((2, len(motion.parts)), np.nan)
+        for j in np.flatnonzero(motion.seconds * motion.cutoff > LEAST_PERIODS):
+            slope, rate = motion.qd[motion.moving[:, j], j], motion.logged[motion.moving[:, j], j]
             slope, rate = slope - slope.mean(), rate - rate.mean()
             square, other = float(slope @ slope), float(rate @ rate)
             if square > 0.0:
@@ -59,38 +59,40 @@ class Slopes:
         return Slopes(beta, r)
 
 
-def rate_finding(seen: Seen, rate: float, usual: float | None = None) -> Finding:
+def rate_finding(motion: Seen, rate: float, usual: float | None = None) -> Finding:
     """Findings of the logged velocities.
 
     Args:
-        rate: Hz of the log. usual: Hz at which the robot is logged, which tells 57 times from 60 times.
+        rate: Hz of the log. usual: Hz at which the robot is logged; it separates factors of 57 and 60.
     """
-    found = Slopes.of(seen)
-    if found is None:
+    slopes = Slopes.of(motion)
+    if slopes is None:
         return Finding(VELOCITY, "cannot tell", "No velocity is logged that could be held against positions.")
-    known = np.isfinite(found.beta)
-    if not known.any():
+    finite = np.isfinite(slopes.beta)
+    if not finite.any():
         return Finding(VELOCITY, "cannot tell", "No joint moves for long enough to judge velocities by.")
-    beta, r = found.beta[known], found.r[known]
+    beta, r = slopes.beta[finite], slopes.r[finite]
     if (np.abs(beta - 1.0) < NEAR).all() and (r > LIKE).all():
         return Finding(
             VELOCITY,
             "green",
             f"Velocities are the slopes of the positions (factors {beta.min():.3f} to {beta.max():.3f}).",
         )
-    whole = _common(seen, found, known, rate, usual)
-    return _alone(seen, found, known) if whole is None else whole
+    whole = _common_finding(motion, slopes, finite, rate, usual)
+    return _single_joint_finding(motion, slopes, finite) if whole is None else whole
 
 
-def _common(seen: Seen, found: Slopes, known: Mask, rate: float, usual: float | None) -> Finding | None:
+def _common_finding(
+    motion: Seen, slopes: Slopes, finite: Mask, rate: float, usual: float | None
+) -> Finding | None:
     """The finding common to all moving joints; None if they differ."""
-    beta, r = found.beta[known], found.r[known]
+    beta, r = slopes.beta[finite], slopes.r[finite]
     factor = float(np.median(beta))
     if not (np.abs(r) > LIKE - 0.1).all() or np.abs(beta / factor - 1.0).max() > MATCH:
         return None
     if abs(factor + 1.0) < NEAR:
-        return _reversed(bool(known.sum() > 1), named(seen.parts, known))
-    if "rad" in seen.units and is_degrees(factor, rate, usual):
+        return _reversed(bool(finite.sum() > 1), named(motion.parts, finite))
+    if "rad" in motion.units and is_degrees(factor, rate, usual):
         return _degrees(factor)
     scale = clock_factor(factor)
     if scale is None:
@@ -100,12 +102,12 @@ def _common(seen: Seen, found: Slopes, known: Mask, rate: float, usual: float | 
 
 
 def clock_finding(scale: float, fact: str) -> Mendable:
-    """Times that have to be divided by `scale`, and what shows it."""
-    way = f"{scale:g} times too slow" if scale > 1.0 else f"{1.0 / scale:g} times too fast"
+    """Finding of times that have to be divided by `scale`, with the evidence `fact`."""
+    pace = f"{scale:g} times too slow" if scale > 1.0 else f"{1.0 / scale:g} times too fast"
     return Mendable(
         TIME,
         "red",
-        f"The clock of the log is {way}: {fact}.",
+        f"The clock of the log is {pace}: {fact}.",
         both(TIME, f"divide the times by {scale:g}"),
         flag=TIME,
         by=(scale,),
@@ -114,8 +116,8 @@ def clock_finding(scale: float, fact: str) -> Mendable:
 
 def clock_factor(factor: float) -> float | None:
     """Divisor of the times, from a common factor of the velocities; None if it is no factor of a clock."""
-    known = [*FACTORS, *(1.0 / f for f in FACTORS)]
-    best = min(known, key=lambda f: abs(np.log(abs(factor) / f)))
+    factors = [*FACTORS, *(1.0 / f for f in FACTORS)]
+    best = min(factors, key=lambda f: abs(np.log(abs(factor) / f)))
     return best if factor > 0.0 and abs(np.log(factor / best)) < MATCH else None
 
 
@@ -150,40 +152,40 @@ def _degrees(factor: float) -> Finding:
     )
 
 
-def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
+def _single_joint_finding(motion: Seen, slopes: Slopes, finite: Mask) -> Finding:
     """Findings of single joints, the worst first."""
-    foreign = known & (np.nan_to_num(np.abs(found.r)) < OTHER)
-    turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
-    wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
+    foreign = finite & (np.nan_to_num(np.abs(slopes.r)) < OTHER)
+    turned = finite & (slopes.beta < 0.0) & (np.abs(slopes.r) > LIKE)
+    wrong = finite & ~slopes.agrees & (slopes.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
-    whose_are = {j: said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))}
-    if seen.command is None:  # a vehicle's estimate, which its sensors pull about
+    whose_are = {j: owner for j in np.flatnonzero(foreign).tolist() if (owner := _velocity_source(motion, j))}
+    if motion.command is None:  # a vehicle's estimate, which its sensors pull about
         foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
         wrong &= wrong.sum() > 1  # a height that a barometer pulls about on the ground, not another unit
     if foreign.any():
         others = list(whose_are.values())
         whose = f" ({', '.join(others)})" if others else ""
-        fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
+        fact = f"The velocity of {named(motion.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
-        fact = f"The velocity of {named(seen.parts, turned)} has the opposite sign of its position's slope."
-    elif wrong.sum() > 1 and np.ptp(found.beta[known]) < NEAR * abs(float(np.median(found.beta[known]))):
-        factor = float(np.median(found.beta[known]))
+        fact = f"The velocity of {named(motion.parts, turned)} has the opposite sign of its position's slope."
+    elif wrong.sum() > 1 and np.ptp(slopes.beta[finite]) < NEAR * abs(float(np.median(slopes.beta[finite]))):
+        factor = float(np.median(slopes.beta[finite]))
         fact = (
             f"Velocities are {factor:.3g} times the slopes of the positions, in every joint alike: another "
             "unit, or a time column that is none (a row number, a clock that stands)."
         )
     elif wrong.any():
-        factors = ", ".join(f"{value:.3g}" for value in found.beta[wrong])
-        fact = f"The velocity of {named(seen.parts, wrong)} is {factors} times the slope of its position."
-        fact += _of_degrees(found.beta[wrong])
+        factors = ", ".join(f"{value:.3g}" for value in slopes.beta[wrong])
+        fact = f"The velocity of {named(motion.parts, wrong)} is {factors} times the slope of its position."
+        fact += _degrees_sentence(slopes.beta[wrong])
     else:
         fact = "Velocities agree with positions but roughly: they are noisy, or were filtered."
         return Finding(VELOCITY, "cannot tell", fact)
     return Finding(VELOCITY, "red", fact, step, flag=VELOCITY)
 
 
-def _of_degrees(beta: Array) -> str:
-    """What is said where all factors are that of degrees."""
+def _degrees_sentence(beta: Array) -> str:
+    """The sentence if all factors are that of degrees."""
     if (np.abs(np.log(np.abs(beta) * DEGREES)) < MATCH).all():
         return " The position looks like degrees: state the unit in its header (q_elbow [deg])."
     if (np.abs(np.log(np.abs(beta) / DEGREES)) < MATCH).all():
@@ -191,15 +193,15 @@ def _of_degrees(beta: Array) -> str:
     return ""
 
 
-def _of_which(seen: Seen, j: int) -> str:
+def _velocity_source(motion: Seen, j: int) -> str:
     """Text that names the joint whose velocity a wrong column contains, if there is one."""
-    assert seen.logged is not None
-    for other in np.flatnonzero(seen.moves):
-        rows = seen.moving[:, other]
-        a, b = seen.qd[rows, other], seen.logged[rows, j]
+    assert motion.logged is not None
+    for other in np.flatnonzero(motion.moves):
+        rows = motion.moving[:, other]
+        a, b = motion.qd[rows, other], motion.logged[rows, j]
         like = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b) + 1e-300)
         if other != j and like > LIKE:
-            return f"that of {seen.parts[j]} is {seen.parts[other]}'s"
+            return f"that of {motion.parts[j]} is {motion.parts[other]}'s"
     return ""
 
 
@@ -209,30 +211,30 @@ FAST, SLOW = 3.0, 1.0 / 30.0  # top speed over its limit
 ALIKE = 1.5  # of rates
 
 
-def degrees_finding(seen: Seen) -> Finding | None:
+def degrees_finding(motion: Seen) -> Finding | None:
     """Finding of positions beyond one turn on every moving hinge; None otherwise."""
-    hinges = seen.moves & (np.array(seen.units) == "rad")
-    reach = np.abs(seen.q).max(axis=0)
+    hinges = motion.moves & (np.array(motion.units) == "rad")
+    reach = np.abs(motion.q).max(axis=0)
     if hinges.sum() < 2 or not (reach[hinges] > TURN).all():
         return None
     return Finding(
         IN_DEGREES,
         "red",
-        f"The positions look like degrees: {named(seen.parts, hinges)} all reach beyond {TURN:g} rad.",
+        f"The positions look like degrees: {named(motion.parts, hinges)} all reach beyond {TURN:g} rad.",
         f"State the unit in the header (q_elbow [deg]), or tell it with --degrees; {accepted(IN_DEGREES)}.",
         flag=IN_DEGREES,
     )
 
 
-def speed_finding(seen: Seen, top: Array, rate: float, usual: float | None) -> Finding | None:
+def speed_finding(motion: Seen, top: Array, rate: float, usual: float | None) -> Finding | None:
     """Finding of speeds that are impossible, or far below the limits, with a rate that is equally off.
 
     Args:
         top: (k,) limits of the speeds. rate: Hz of the log. usual: Hz at which the robot is logged; None if
             nobody knows.
     """
-    share = float(np.max(np.abs(seen.qd).max(axis=0) / top, initial=0.0))
-    if not seen.moves.any() or SLOW <= share <= FAST:
+    share = float(np.max(np.abs(motion.qd).max(axis=0) / top, initial=0.0))
+    if not motion.moves.any() or SLOW <= share <= FAST:
         return None
     scales = [1.0 / f for f in FACTORS[1:]] if share > FAST else list(FACTORS[1:])
     # the scale that brings the rate nearest to the usual one, or the least that gives a possible speed

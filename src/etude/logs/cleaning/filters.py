@@ -146,14 +146,14 @@ def trimmed(log: Log, first_s: float, last_s: float) -> Log:
         DataError: nothing is left.
     """
     since = log.t - log.t[0] if len(log) else log.t
-    kept = (since >= first_s) & (since <= (since[-1] if len(log) else 0.0) - last_s)
-    if not kept.any():
+    inside = (since >= first_s) & (since <= (since[-1] if len(log) else 0.0) - last_s)
+    if not inside.any():
         raise DataError(
             "nothing is left of a log after trimming",
             where=log.source,
             next_step="Trim less, or record longer.",
         )
-    return log.take(kept)
+    return log.take(inside)
 
 
 def thinned(rate: float, rate_hz: float, number: int = 0) -> slice:
@@ -219,11 +219,11 @@ def without_lag(log: Log, lag: float) -> Log:
     """
     if lag == 0.0:
         return log
-    kept = log.t - lag >= log.t[0]
-    if not kept.any():
+    inside = log.t - lag >= log.t[0]
+    if not inside.any():
         raise DataError(f"the log is shorter than a lag of {lag:g} s", where=log.source)
-    command = resample(log.t, log["command"], log.t[kept] - lag)
-    return log.take(kept).put(log.channels["command"], command)
+    command = resample(log.t, log["command"], log.t[inside] - lag)
+    return log.take(inside).put(log.channels["command"], command)
 
 
 def _motion(log: Log, names: Sequence[str]) -> Array:

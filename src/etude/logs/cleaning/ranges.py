@@ -11,7 +11,7 @@ from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log, Mask, Role
 
 SI = {"rad": "radians", "m": "metres"}
-SEEN = 0.02  # part of a range: a smaller motion in another unit is rather one outside its range
+LEAST_TRAVEL = 0.02  # part of a range: a smaller motion in another unit is rather one outside its range
 FAR = 2.0  # ranges outside the limits: a sign of another unit
 OVERSHOOT = 0.1  # part of a range: a controller may overshoot, and a description may be narrow
 COMMAND_EXCESS = 1.5  # times the limit: measured effort may exceed its rating; another unit exceeds it more
@@ -79,9 +79,9 @@ def _suspicion(values: Array, lower: Array, upper: Array, units: Sequence[str]) 
     excess = np.maximum(values.max(axis=0) - upper, lower - values.min(axis=0))
     if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
         return ""
-    way = np.ptp(values, axis=0) / (upper - lower)
+    travel = np.ptp(values, axis=0) / (upper - lower)
     for unit, factor in _smaller(units).items():
-        if _fits(values * factor, lower, upper) and (way * factor > SEEN).any():
+        if _fits(values * factor, lower, upper) and (travel * factor > LEAST_TRAVEL).any():
             return unit
     return ""
 

@@ -145,8 +145,8 @@ def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
             values[channel.name] = _in_order(log, channel)
         elif channel.required:
             raise DataError(f"the log has no channel {channel.name}", where=log.source, next_step=OTHER)
-    known = {c.name: c for c in channels if c.name in values}
-    return replace(log, channels=known, values=values), set(known)
+    present = {c.name: c for c in channels if c.name in values}
+    return replace(log, channels=present, values=values), set(present)
 
 
 OTHER = "Tell a log of this robot."
@@ -154,15 +154,15 @@ OTHER = "Tell a log of this robot."
 
 def _in_order(log: Log, channel: Channel) -> Array:
     """The values of a channel in the order of the robot's parts."""
-    own = log.channels[channel.name].parts
-    if set(own) != set(channel.parts):
+    parts = log.channels[channel.name].parts
+    if set(parts) != set(channel.parts):
         raise DataError(
-            f"the log has {', '.join(own)} in its channel {channel.name}, "
+            f"the log has {', '.join(parts)} in its channel {channel.name}, "
             f"the robot {', '.join(channel.parts)}",
             where=log.source,
             next_step=OTHER,
         )
-    order = [own.index(part) for part in channel.parts]
+    order = [parts.index(part) for part in channel.parts]
     return log[channel.name] if order == sorted(order) else log[channel.name][:, order]
 
 
@@ -180,7 +180,7 @@ def _recorded(
     left = dict(raw.values)
     del raw  # memory: a long log must not be held twice
     for name, columns in matching.channels.items():
-        values[name] = _taken(left, columns)
+        values[name] = _take_channel(left, columns)
         units = dict.fromkeys(column.written_unit for column in columns if column.factor != 1.0)
         if units:
             repairs.append(f"Channel {name} was converted from {', '.join(units)}, as its headers state.")
@@ -200,9 +200,9 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
     it; or several families may be the commands.
     """
     try:
-        found = match_columns([name for name in raw.values if not is_time(name)], channels, where, told)
-        _check_families(found, raw, channels, where)
-        return found
+        matching = match_columns([name for name in raw.values if not is_time(name)], channels, where, told)
+        _check_families(matching, raw, channels, where)
+        return matching
     except DataError as error:
         read = f"What was read: {' '.join(raw.repairs)} " if raw.repairs else ""
         raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
@@ -211,41 +211,45 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
 SAME = 1e-6  # part of the deviation: columns that differ by less are copies
 
 
-def _check_families(found: Matching, raw: Log, channels: Sequence[Channel], where: str) -> None:
+def _check_families(matching: Matching, raw: Log, channels: Sequence[Channel], where: str) -> None:
     """Raises a DataError if several families of columns may be the commands; constant ones and copies do not
     count.
     """
-    values = {name: np.hstack([raw[column] for column in own]) for name, own in found.families.items()}
+    values = {
+        name: np.hstack([raw[column] for column in columns]) for name, columns in matching.families.items()
+    }
     first = next(iter(values), "")
-    others = {name for name, own in values.items() if name != first and _says_more(own, values[first])}
+    others = {name for name, columns in values.items() if name != first and _differs(columns, values[first])}
     if not others:
         return
-    families = {name: own for name, own in found.families.items() if name == first or name in others}
+    families = {
+        name: columns for name, columns in matching.families.items() if name == first or name in others
+    }
     channel = next(c for c in channels if c.role == "command" and c.acts_on)
     raise DataError(
-        f"{', '.join(f'{own[0]} and the like' for own in families.values())} may all be the commands",
+        f"{', '.join(f'{columns[0]} and the like' for columns in families.values())} may all be the commands",
         where=where,
         next_step=answer(channel, families),
     )
 
 
-def _says_more(values: Array, first: Array) -> bool:
+def _differs(values: Array, first: Array) -> bool:
     """Whether columns (T, k) vary, and differ from the first ones."""
-    own, other = (
+    finite, other = (
         part[np.isfinite(values).all(axis=1) & np.isfinite(first).all(axis=1)] for part in (values, first)
     )
-    if not len(own) or not own.std(axis=0).any():
+    if not len(finite) or not finite.std(axis=0).any():
         return False
-    return bool(np.abs(own - other).max() > SAME * other.std(axis=0).max())
+    return bool(np.abs(finite - other).max() > SAME * other.std(axis=0).max())
 
 
-def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:
+def _take_channel(left: dict[str, Array], columns: Sequence[Column]) -> Array:
     """The values of a channel in SI; its columns are removed from `left`, since no other channel uses
     them.
     """
-    own = [left.pop(column.name)[:, 0] for column in columns]
-    out = np.empty((len(own[0]), len(own)))
+    series = [left.pop(column.name)[:, 0] for column in columns]
+    out = np.empty((len(series[0]), len(series)))
     for j, column in enumerate(columns):
-        np.multiply(own[j], column.factor, out=out[:, j])
-        own[j] = out[:, j]
+        np.multiply(series[j], column.factor, out=out[:, j])
+        series[j] = out[:, j]
     return out

@@ -108,8 +108,8 @@ def _without_strays(log: Log) -> Log:
     far = (log.t < 2.0 * first - last) | (log.t > 2.0 * last - first)
     if not far.any() or far.mean() > RARE:
         return log
-    said = f"{far.sum()} rows whose times lie far from all others (first at {log.t[far][0]:.6g} s)"
-    return log.take(~far).repaired(f"{said} were dropped.")
+    fact = f"{far.sum()} rows whose times lie far from all others (first at {log.t[far][0]:.6g} s)"
+    return log.take(~far).repaired(f"{fact} were dropped.")
 
 
 def _without_repeats(log: Log) -> Log:
@@ -216,7 +216,7 @@ def check_leaps(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
         leap = leaps(log, channel, top, upper - lower)
         if leap.any():
             row, j = (int(k[0]) for k in np.nonzero(leap))
-            fact, step = jump_in_words(log, channel, row, j)
+            fact, step = _jump_sentences(log, channel, row, j)
             raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
     return log
 
@@ -236,10 +236,10 @@ def leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
         channel: of positions. top: (k,) its largest rates. size: (k,) its ranges.
     """
     steps, q = np.diff(log.t), log[channel.name]
-    found = np.empty((len(steps), q.shape[1]), dtype=bool)
+    is_leap = np.empty((len(steps), q.shape[1]), dtype=bool)
     for j in range(q.shape[1]):  # one by one, since memory for all at once is missing with long logs
-        found[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + STEP_NOISE * size[j]
-    return found
+        is_leap[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + STEP_NOISE * size[j]
+    return is_leap
 
 
 def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding | None:
@@ -248,21 +248,22 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
     To be asked before velocities, commands and ranges, which one leap makes look wrong. Arguments as `leaps`.
     """
     # of positions in another unit the range is that of the log, not of the limits
-    found = leaps(log, channel, top, np.maximum(size, np.ptp(log[channel.name], axis=0)))
-    for j in np.flatnonzero(found.any(axis=0)).tolist():
-        found[:, j] &= _alone(np.diff(log[channel.name][:, j])) & ~_back(log[channel.name][:, j], found[:, j])
-    rows = np.flatnonzero(found.any(axis=1))
+    is_leap = leaps(log, channel, top, np.maximum(size, np.ptp(log[channel.name], axis=0)))
+    for j in np.flatnonzero(is_leap.any(axis=0)).tolist():
+        q = log[channel.name][:, j]
+        is_leap[:, j] &= _is_isolated(np.diff(q)) & ~_is_spike(q, is_leap[:, j])
+    rows = np.flatnonzero(is_leap.any(axis=1))
     if not len(rows) or len(rows) > max(RARE_SHARE * len(log), 1):
         return None
-    row, j = int(rows[0]), int(np.argmax(found[rows[0]]))
-    fact, step = jump_in_words(log, channel, row, j)
+    row, j = int(rows[0]), int(np.argmax(is_leap[rows[0]]))
+    fact, step = _jump_sentences(log, channel, row, j)
     where = f"{channel.parts[j]}: {fact}"
     margin = GAP_FACTOR * float(np.median(np.diff(log.t)))
     spans = tuple((float(log.t[r]) - margin, float(log.t[r + 1]) + margin) for r in rows[:BESIDE].tolist())
     return Finding(CHECK, "red", f"{where}.", step, spans=spans)
 
 
-def jump_in_words(log: Log, channel: Channel, row: int, j: int) -> tuple[str, str]:
+def _jump_sentences(log: Log, channel: Channel, row: int, j: int) -> tuple[str, str]:
     """Sentence on a leap after a row, and the next step."""
     q, unit = log[channel.name][:, j], channel.units[j]
     step = float(q[row + 1] - q[row])
@@ -273,7 +274,7 @@ def jump_in_words(log: Log, channel: Channel, row: int, j: int) -> tuple[str, st
     )
 
 
-def _alone(step: Array) -> Mask:
+def _is_isolated(step: Array) -> Mask:
     """(T-1,) where a step (T-1,) is far larger than those beside it, and than those of a coarse sensor."""
     size = np.abs(step)
     beside = np.full(len(size), np.median(size[size > 0.0]) if size.any() else 0.0)
@@ -283,13 +284,13 @@ def _alone(step: Array) -> Mask:
     return np.asarray(size > ALONE * beside)
 
 
-def _back(q: Array, leap: Mask) -> Mask:
+def _is_spike(q: Array, leap: Mask) -> Mask:
     """(T-1,) leaps out and back: single wild rows, which are dropped later."""
-    found = np.zeros(len(leap), dtype=bool)
+    is_back = np.zeros(len(leap), dtype=bool)
     both = leap[:-1] & leap[1:] & (np.diff(q)[:-1] * np.diff(q)[1:] < 0.0)
-    found[:-1] |= both
-    found[1:] |= both
-    return found
+    is_back[:-1] |= both
+    is_back[1:] |= both
+    return is_back
 
 
 def check_commanded(log: Log) -> Log:

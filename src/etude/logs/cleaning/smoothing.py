@@ -102,8 +102,8 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
     step = float(t[-1] - t[0]) / (len(t) - 1)
     slope = (values[-1] - values[0]) / (t[-1] - t[0])
     line = values[0] + (t - t[0])[:, None] * slope
-    rest = values - line
-    odd = np.concatenate([rest[:-1], -rest[:0:-1]])
+    residual = values - line
+    odd = np.concatenate([residual[:-1], -residual[:0:-1]])
     frequency = np.fft.rfftfreq(len(odd), step)[:, None]
     spectrum = rfft(odd) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
     return Smoothed(t, line, slope, spectrum)

@@ -37,92 +37,94 @@ ROUNDS = 12  # of expectation maximisation: odds settle to 0.1
 
 @dataclass(frozen=True, eq=False)
 class ChangeEvidence:
-    """What is known of c changes on n rows; k joints `own`, p links.
+    """The evidence of c changes in n rows; k joints, p links.
 
     Attributes:
         products: (h, k, m, m) of each joint's whitened columns: its own, the last link's mass and moments,
             the command, and of each change qd, friction and the links. half: (h, k) half the log determinant
             of the covariance.
-        unit: (p,) kg of the columns of links. heard: (c, k) joints that have a say of each change.
+        unit: (p,) kg of the columns of links. informative: (c, k) whether a joint counts for a change.
     """
 
     products: Array
     half: Array
     n: int
     unit: Array
-    heard: Mask
+    informative: Mask
 
     @classmethod
     def of(
         cls,
         rows: FilteredRows,
-        own: Index,
+        joints: Index,
         path: Channel,
         body: Mean,
         after: Array,
-        heard: Mask,
+        informative: Mask,
         most: int | None = None,
     ) -> ChangeEvidence:
         """The evidence of rows that hold the file's torque.
 
         Args:
             after: (n, c) from 0 to 1: how much each row holds of each change.
-            most: so many of the links, the last ones, may change; None: all.
+            most: number of links that may change, counted from the last; None: all.
         """
         assert rows.torque is not None
         assert isinstance(body, SupportsVariations)
-        command = rows.command[:, own, AS_LOGGED]
+        command = rows.command[:, joints, AS_LOGGED]
         size = command.std(axis=0)
         y = ((command - command.mean(axis=0)) / size)[:, :, None]
         states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
-        links = body.links(states)[:, own] / size[:, None, None]
+        links = body.links(states)[:, joints] / size[:, None, None]
         L = links[:, :, -(most or 0) :, 0]
-        X = regressors(rows, own, GRADUAL[-1])
-        unit = _unit(rows.torque[:, own] / size, L)
+        X = regressors(rows, joints, GRADUAL[-1])
+        unit = _unit(rows.torque[:, joints] / size, L)
         L = L * unit
         changed = np.concatenate([X[:, :, [VISCOUS, COULOMB]], L], axis=2)
         moved = (after[:, None, :, None] * changed[:, :, None]).reshape(*X.shape[:2], -1)
         # what the last link carries all the time may have its centre anywhere
-        carried = links[:, :, -1, :4] * _unit(rows.torque[:, own] / size, links[:, :, -1, :4])
-        products, half = _products(rows, own, np.concatenate([X, carried, y, moved], axis=2))
-        return cls(products, half, len(rows.t), unit, heard)
+        carried = links[:, :, -1, :4] * _unit(rows.torque[:, joints] / size, links[:, :, -1, :4])
+        products, half = _products(rows, joints, np.concatenate([X, carried, y, moved], axis=2))
+        return cls(products, half, len(rows.t), unit, informative)
 
     def _columns(self, change: int) -> tuple[list[int], int, int, list[int]]:
         """Of the joint's own columns with qd after the change, the command, friction and links after it."""
         links = len(self.unit)
-        y = self.products.shape[-1] - len(self.heard) * (2 + links) - 1
+        y = self.products.shape[-1] - len(self.informative) * (2 + links) - 1
         first = y + 1 + change * (2 + links)
         return [*range(y), first], y, first + 1, list(range(first + 2, first + 2 + links))
 
     def load(self, change: int) -> tuple[float, float]:
-        """Log odds of a load at the last link to none, and its kg; friction may change too."""
+        """Log odds of a load at the last link against none, and its kg; friction may change too."""
         odds, kg = self._shared(change, slice(-1, None))
         return odds, float(kg[0])
 
     def masses(self, change: int) -> float:
-        """Log odds of other masses of all links to the same; friction may change too."""
+        """Log odds of changed masses of all links against the same ones; friction may change too."""
         return self._shared(change, slice(None))[0]
 
     def friction(self, change: int) -> tuple[Array, Array]:
-        """(k,) each: log odds of other friction to the same, viscous one aside, and its factor."""
-        mine, y, own, _ = self._columns(change)
-        mine = [i for i in mine if i not in GRADUAL]  # the factor is of Coulomb friction
-        same, other = self._evidence(mine, y), self._evidence([*mine, own], y)
-        columns, every = np.array([*mine, own]), np.arange(other.shape[1])
+        """(k,) each: log odds of changed Coulomb friction against the same, and its factor."""
+        nuisance, y, friction, _ = self._columns(change)
+        nuisance = [i for i in nuisance if i not in GRADUAL]  # the factor is of Coulomb friction
+        same, other = self._evidence(nuisance, y), self._evidence([*nuisance, friction], y)
+        columns, every = np.array([*nuisance, friction]), np.arange(other.shape[1])
         A = self.products[..., columns[:, None], columns] + np.eye(len(columns))
-        found = np.linalg.solve(A, self.products[..., columns, y, None])[other.argmax(axis=0), every, :, 0]
+        coefficients = np.linalg.solve(A, self.products[..., columns, y, None])
+        coefficients = coefficients[other.argmax(axis=0), every, :, 0]
         odds = log_sum(other, axis=0) - log_sum(same, axis=0)
-        return np.where(self.heard[change], odds, 0.0), 1.0 + found[:, -1] / found[:, COULOMB]
+        factor = 1.0 + coefficients[:, -1] / coefficients[:, COULOMB]
+        return np.where(self.informative[change], odds, 0.0), factor
 
-    def _evidence(self, mine: list[int], y: int) -> Array:
+    def _evidence(self, nuisance: list[int], y: int) -> Array:
         """(h, k) log evidence of the commands with some columns."""
-        left, half = _without(self.products, self.half, mine, [y])
+        left, half = _regressed_out(self.products, self.half, nuisance, [y])
         return -half - 0.5 * self.n * np.log(left[..., 0, 0] / self.n)
 
     def _shared(self, change: int, which: slice) -> tuple[float, Array]:
-        mine, y, own, links = self._columns(change)
-        left, half = _without(self.products, self.half, [*mine, own], [y, *links[which]])
-        odds, weights = _shared(left, half, self.n, self.heard[change])
+        nuisance, y, friction, links = self._columns(change)
+        left, half = _regressed_out(self.products, self.half, [*nuisance, friction], [y, *links[which]])
+        odds, weights = _shared(left, half, self.n, self.informative[change])
         return odds, weights * self.unit[which]
 
 
@@ -132,9 +134,10 @@ def _unit(torque: Array, L: Array) -> Array:
     return np.asarray(size / np.where(each > 0.0, each, np.inf))
 
 
-def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Array]:
+def _products(rows: FilteredRows, joints: Index, columns: Array) -> tuple[Array, Array]:
     """(h, k, m, m) products of each joint's columns (n, k, m), whitened at each point of the grid, and (h, k)
-    half the log determinant of its covariance. Where the joint stands, any command is held (Woodbury).
+    half the log determinant of its covariance. Static friction explains any command of a joint at rest
+    (Woodbury).
     """
     n, k, m = columns.shape
     covariance, flat = covariances(rows), np.asfortranarray(columns.reshape(n, -1))
@@ -144,7 +147,7 @@ def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Ar
         white = dtrsm(1.0, factor, flat, lower=1).reshape(n, k, m)
         half[h] = np.log(np.diag(factor)).sum()
         for j in range(k):
-            W, stands = white[:, j], rows.stands[own[j]]
+            W, stands = white[:, j], rows.stands[joints[j]]
             products[h, j] = W.T @ W
             if stands.shape[1]:
                 S = dtrsm(1.0, factor, stands, lower=1)
@@ -155,19 +158,21 @@ def _products(rows: FilteredRows, own: Index, columns: Array) -> tuple[Array, Ar
     return products, half
 
 
-def _without(products: Array, half: Array, mine: list[int], kept: list[int]) -> tuple[Array, Array]:
-    """Products of the columns `kept` less what a joint's own columns explain, with a prior of unit variance,
-    and (h, k) half the log determinant with them.
+def _regressed_out(
+    products: Array, half: Array, nuisance: list[int], targets: list[int]
+) -> tuple[Array, Array]:
+    """Products of the columns `targets` after the regression on a joint's columns `nuisance`, with a prior of
+    unit variance, and (h, k) half the log determinant with them.
     """
-    mine_, kept_ = np.array(mine), np.array(kept)
-    A = products[..., mine_[:, None], mine_] + np.eye(len(mine))
-    across = products[..., mine_[:, None], kept_]
-    left = products[..., kept_[:, None], kept_] - np.swapaxes(across, 2, 3) @ np.linalg.solve(A, across)
+    nuisance_, targets_ = np.array(nuisance), np.array(targets)
+    A = products[..., nuisance_[:, None], nuisance_] + np.eye(len(nuisance))
+    across = products[..., nuisance_[:, None], targets_]
+    left = products[..., targets_[:, None], targets_] - np.swapaxes(across, 2, 3) @ np.linalg.solve(A, across)
     return left, half + 0.5 * np.linalg.slogdet(A)[1]
 
 
-def _shared(left: Array, half: Array, n: int, heard: Mask) -> tuple[float, Array]:
-    """Log odds of weights (p,) that all joints share to none, and the weights.
+def _shared(left: Array, half: Array, n: int, informative: Mask) -> tuple[float, Array]:
+    """Log odds of weights (p,) common to all joints against none, and the weights.
 
     Args:
         left: (h, k, 1 + p, 1 + p) products of commands, and of what they are weights of.
@@ -183,9 +188,9 @@ def _shared(left: Array, half: Array, n: int, heard: Mask) -> tuple[float, Array
     weights, before = np.zeros(p), log_sum(at(np.zeros(p))[1], axis=0)
     for _ in range(ROUNDS):
         squares, evidence = at(weights)
-        part = np.exp(evidence - log_sum(evidence, axis=0)) * heard * n / squares
+        part = np.exp(evidence - log_sum(evidence, axis=0)) * informative * n / squares
         A = np.einsum("hk,hkpq->pq", part, Q) + np.eye(p)
         weights = np.linalg.solve(A, np.einsum("hk,hkp->p", part, b))
     gains = log_sum(at(weights)[1], axis=0) - before
     price = 0.5 * float(weights @ weights) + 0.5 * float(np.linalg.slogdet(A)[1])
-    return float(gains[heard].sum()) - price, weights
+    return float(gains[informative].sum()) - price, weights

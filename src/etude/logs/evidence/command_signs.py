@@ -44,27 +44,27 @@ def judge(
 
     Args:
         logs: with positions `path` and commands on them; their clocks are right.
-        body: what a model file says of the commands by itself; None without one.
+        body: the model file's prediction of the commands; None without a file.
         fresh: indices of the logs that are new; the others were judged before. None: all.
         force: whether commands are forces in SI, which may hold gravity.
-        accepted: checks of which nothing is said any more.
+        accepted: checks whose findings the user has accepted.
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
-    judged = JointEvidence.of(rows_of(logs, path, body, groups))
-    if judged is None:
+    evidence = JointEvidence.of(rows_of(logs, path, body, groups))
+    if evidence is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
 
-    # what was told before has its order, its direction and its clock
+    # logs that were ingested before have their order, direction and clock
     new, whole = [logs[i] for i in fresh], len(fresh) == len(logs)
-    alone = judged if whole else JointEvidence.of(rows_of(new, path, body))
+    alone = evidence if whole else JointEvidence.of(rows_of(new, path, body))
     clock = Clock.of(logs, path, body, fresh, alone)
-    # commands that are late, too little to be told so, look like another order or sign
-    stepped, right = judged, logs if clock is None else clock.in_step()
-    if any(log is not own for log, own in zip(logs, right, strict=True)):
+    # a delay too short to be reported looks like another order or sign
+    stepped, right = evidence, logs if clock is None else clock.in_step()
+    if any(log is not in_step for log, in_step in zip(logs, right, strict=True)):
         new = [right[i] for i in fresh]
-        stepped = judged.with_command(commands_of(right, path, groups))
+        stepped = evidence.with_command(commands_of(right, path, groups))
         if alone is not None:
             alone = stepped if whole else alone.with_command(commands_of(new, path, ()))
     timed = all(measured_rates(log, path) for log in new)
@@ -73,9 +73,9 @@ def judge(
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
-            exchanged = _without_turns(_exchanged(alone, new, path, body, order), alone)
+            exchanged = _uncontradicted(_exchanged_columns(alone, new, path, body, order), alone)
         backwards = -np.inf if timed or alone is None else _backwards(alone)
-        turned = _without_turns(_signs(stepped, fresh, order, backwards), stepped)
+        turned = _uncontradicted(_signs(stepped, fresh, order, backwards), stepped)
         late = None if clock is None else clock.decision()  # it makes an order doubtful
         far = late is not None and late.level == "ask"
         # of a periodic motion a delay of half a period looks like a sign
@@ -85,68 +85,68 @@ def judge(
         yield late
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield exchanged  # of several logs, one that is inverted looks like another order
-        yield None if timed or alone is None else _reversed(alone)
+        yield None if timed or alone is None else _reversed_rows(alone)
         yield turned
-        yield _by_calm_rows(stepped, fresh, order, timed)
-        weight = None if alone is None else _weights(alone, force)
+        yield _signs_without_reversals(stepped, fresh, order, timed)
+        weight = None if alone is None else _weight_question(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
-    told = (found for found in hypotheses() if found is not None and found.check not in accepted)
-    found = next(told, None)
-    if found is None:
+    decisions = (one for one in hypotheses() if one is not None and one.check not in accepted)
+    decision = next(decisions, None)
+    if decision is None:
         unknown = clock is not None and not clock.excludes_delays
         return stepped.decision("silent", why="late" if unknown else "")
-    found = found if found.logs else replace(found, logs=fresh)
-    return replace(found, positions=_positions(found, stepped, path, body))
+    decision = decision if decision.logs else replace(decision, logs=fresh)
+    return replace(decision, positions=_position_odds(decision, stepped, path, body))
 
 
-def _without_turns(found: Decision | None, judged: JointEvidence) -> Decision | None:
-    """The decision, unless rows where no joint reverses contradict it: stiction in a turn makes right
+def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decision | None:
+    """The decision; None if rows where no joint reverses contradict it. Stiction at a reversal makes right
     commands fit another joint, or the other sign.
     """
-    if found is None or 0 < len(found.logs) < len(np.unique(judged.rows.log)):
-        return found  # of some logs against the others: all have the same friction
-    by = np.array(found.by)[judged.own]
-    if found.check == SIGN:
-        right, inverted = judged.without_turns.variant(AS_LOGGED).signs()
-        return found if (inverted >= right)[by < 0.0].all() else None
-    fits = _fits(replace(judged.without_turns, orders=True))
-    fits = np.take_along_axis(fits, np.searchsorted(judged.own, by)[:, None], axis=1)
-    return found if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
+    if decision is None or 0 < len(decision.logs) < len(np.unique(evidence.rows.log)):
+        return decision  # of some logs against the others: all have the same friction
+    by = np.array(decision.by)[evidence.joint_indices]
+    if decision.check == SIGN:
+        right, inverted = evidence.without_turns.variant(AS_LOGGED).signs()
+        return decision if (inverted >= right)[by < 0.0].all() else None
+    fits = _fits(replace(evidence.without_turns, orders=True))
+    fits = np.take_along_axis(fits, np.searchsorted(evidence.joint_indices, by)[:, None], axis=1)
+    return decision if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 
-def _by_calm_rows(
-    judged: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
+def _signs_without_reversals(
+    evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
 ) -> Decision | None:
-    """A question on signs that rows without turns tell, where all rows leave them open: friction that turns
-    round over a distance blurs them there.
+    """A question on signs from the rows without reversals, where all rows together leave the signs open.
+    Presliding friction hides them at reversals.
     """
-    calm = judged.without_turns
+    calm = evidence.without_turns
     calm = replace(calm, rows=replace(calm.rows, groups=()))
-    found = _signs(calm, fresh, order, -np.inf if timed else _backwards(calm))
-    if found is None or found.odds < CERTAIN:  # of frictionless arms half a cycle late 7 at most
+    decision = _signs(calm, fresh, order, -np.inf if timed else _backwards(calm))
+    if decision is None or decision.odds < CERTAIN:  # of frictionless arms half a cycle late 7 at most
         return None
-    right, inverted = judged.variant(AS_LOGGED).signs()
-    stands = (inverted >= right)[np.array(found.by)[judged.own] < 0.0].all()
-    return replace(found, level="ask") if stands else None
+    right, inverted = evidence.variant(AS_LOGGED).signs()
+    stands = (inverted >= right)[np.array(decision.by)[evidence.joint_indices] < 0.0].all()
+    return replace(decision, level="ask") if stands else None
 
 
-def _positions(found: Decision, judged: JointEvidence, path: Channel, body: Mean | None) -> float:
-    """Log odds that positions and not commands have the signs or the order found."""
-    rows = judged.rows.take(np.flatnonzero(np.isin(judged.rows.log, found.logs)))
-    own = judged.own[rows.command[:, judged.own, AS_LOGGED].std(axis=0) > 0.0]
-    if body is None or found.check not in (SIGN, SWAPPED) or len(own) < 2:
+def _position_odds(decision: Decision, evidence: JointEvidence, path: Channel, body: Mean | None) -> float:
+    """Log odds that the positions, not the commands, have the decision's signs or order."""
+    rows = evidence.rows.take(np.flatnonzero(np.isin(evidence.rows.log, decision.logs)))
+    joints = evidence.joint_indices[rows.command[:, evidence.joint_indices, AS_LOGGED].std(axis=0) > 0.0]
+    if body is None or decision.check not in (SIGN, SWAPPED) or len(joints) < 2:
         return 0.0
     columns, signs = np.arange(len(path.parts)), np.ones(len(path.parts))
-    if found.check == SIGN:
-        signs = np.array(found.by)
+    if decision.check == SIGN:
+        signs = np.array(decision.by)
     else:
-        columns = np.array(found.by, dtype=np.int64)
-    return positions_odds(rows, own, path, body, columns, signs)
+        columns = np.array(decision.by, dtype=np.int64)
+    return positions_odds(rows, joints, path, body, columns, signs)
 
 
 def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
-    """Logs that may differ from the others: each by itself, and all new ones."""
+    """Groups of logs that may differ from the others: each log alone, and all new ones."""
     if count < 2:
         return []
     new = tuple(fresh)
@@ -180,7 +180,7 @@ class Signs:
 
 
 def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
-    """The best of all sets of joints in all groups of logs, without looking at each.
+    """The most probable set of inverted joints in all groups of logs, without enumeration of the sets.
 
     A set S of joints that are inverted in one group has evidence sum_{S} turned + sum_{others} as_is. Its
     prior is every [S is every joint] + some EACH^|S| (1 - EACH)^(m - |S|), `priors` (every, some) of its
@@ -189,34 +189,34 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     Args:
         as_is: (m,) evidence of each joint as it is. turned: of each group, (m,) of its negated commands.
     """
-    kept, whole = np.log1p(-EACH) + as_is, float(as_is.sum())
+    right, whole = np.log1p(-EACH) + as_is, float(as_is.sum())
     nothing = np.zeros(len(as_is), dtype=np.bool_)
-    none = [np.log(AS_IS) + whole, *(np.log(some) + kept.sum() for _, some in priors)]
-    found, rest = [(float(log_sum(none)), nothing, -1)], []
-    for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
-        other = np.log(EACH) + own
-        mixed = np.asarray(other > kept)
-        full = np.logaddexp(np.log(every) + own.sum(), np.log(some) + other.sum())
-        best = float(np.log(some) + np.maximum(kept, other).sum())
-        found.append((float(full), ~nothing, g))
+    none = [np.log(AS_IS) + whole, *(np.log(some) + right.sum() for _, some in priors)]
+    hypotheses, other_scores = [(float(log_sum(none)), nothing, -1)], []
+    for g, (inverted, (every, some)) in enumerate(zip(turned, priors, strict=True)):
+        other = np.log(EACH) + inverted
+        mixed = np.asarray(other > right)
+        full = np.logaddexp(np.log(every) + inverted.sum(), np.log(some) + other.sum())
+        best = float(np.log(some) + np.maximum(right, other).sum())
+        hypotheses.append((float(full), ~nothing, g))
         if mixed.any() and not mixed.all():
-            found.append((best, mixed, g))
-        rest.append(best + _others(np.abs(other - kept)))
-    first = max(range(len(found)), key=lambda i: found[i][0])
-    score, joints, group = found[first]
-    next_ = float(log_sum([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
+            hypotheses.append((best, mixed, g))
+        other_scores.append(best + _others(np.abs(other - right)))
+    first = max(range(len(hypotheses)), key=lambda i: hypotheses[i][0])
+    score, joints, group = hypotheses[first]
+    next_ = float(log_sum([*other_scores, *(one[0] for i, one in enumerate(hypotheses) if i != first)]))
     each = np.zeros(len(as_is))
     if group >= 0:
-        each = _each(kept, np.log(EACH) + turned[group], *priors[group], found[0][0])
-    return Signs(joints, group, score - found[0][0], score - next_, each)
+        each = _joint_odds(right, np.log(EACH) + turned[group], *priors[group], hypotheses[0][0])
+    return Signs(joints, group, score - hypotheses[0][0], score - next_, each)
 
 
-def _each(kept: Array, other: Array, every: float, some: float, none: float) -> Array:
-    """(m,) log odds that each joint is inverted: of all sets with it to all sets without, and to none."""
-    either = np.logaddexp(kept, other)
-    rest = np.log(some) + either.sum() - either
-    whole = np.log(every) - len(kept) * np.log(EACH) + other.sum()
-    return np.asarray(np.logaddexp(rest + other, whole) - np.logaddexp(rest + kept, none))
+def _joint_odds(right: Array, other: Array, every: float, some: float, none: float) -> Array:
+    """(m,) log odds of all sets with a joint against all sets without it and the empty set."""
+    either = np.logaddexp(right, other)
+    others = np.log(some) + either.sum() - either
+    whole = np.log(every) - len(right) * np.log(EACH) + other.sum()
+    return np.asarray(np.logaddexp(others + other, whole) - np.logaddexp(others + right, none))
 
 
 SMALL = -30.0  # log: log1p(x) and expm1(x) are x to rounding
@@ -230,53 +230,53 @@ def _others(apart: Array) -> float:
 
 
 def _signs(
-    judged: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
+    evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
 ) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
-    Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
-    inverted signs that of all the others. What the negation gains is that of the least favourable class, and
-    no more than what the sign is then known by; what it loses, no more than the sign is known by as it is:
-    where friction is not told from a function of the place, one log there and one back agree better with
-    one of them negated.
+    One log's commands are negated. The evidence of right signs is then that of this log inverted. That of
+    inverted signs is that of all the others inverted. The least favourable class gives the gain of the
+    negation. The gain is at most the sign's log odds after the negation; the loss is at most those before it.
+    Without these bounds, friction that looks like a function of the position favours the negation of one log:
+    one there and one back agree better then.
 
     Args:
         order: of columns that may explain the commands better than these, whatever their signs.
         backwards: log odds that the rows run backwards, whatever the signs.
     """
-    given = judged.variant(AS_LOGGED)
-    as_is, turned = given.signs()
-    whole, classes = np.maximum(as_is, turned), given.by_class()
+    as_logged = evidence.variant(AS_LOGGED)
+    as_is, turned = as_logged.signs()
+    whole, classes = np.maximum(as_is, turned), as_logged.by_class()
     lost = np.maximum(np.abs(as_is - turned), LIKELY)
-    everyone = tuple(range(int(judged.rows.log.max()) + 1))
-    found = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
-    for g, group in enumerate(judged.rows.groups):
+    everyone = tuple(range(int(evidence.rows.log.max()) + 1))
+    hypotheses = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
+    for g, group in enumerate(evidence.rows.groups):
         others, number = tuple(i for i in everyone if i not in group), len(DELAYS) + g
-        negated = judged.variant(number)
+        negated = evidence.variant(number)
         right, inverted = negated.signs()
-        known = np.abs(right - inverted)
-        gain = np.clip(least(negated.by_class(), classes), -np.maximum(lost, known), known)
+        sign_odds = np.abs(right - inverted)
+        gain = np.clip(least(negated.by_class(), classes), -np.maximum(lost, sign_odds), sign_odds)
         gain += whole - np.maximum(right, inverted)
         for logs, value in ((group, right + gain), (others, inverted + gain)):
             share = GROUP if set(logs) <= set(fresh) else OLD_GROUP
-            found.setdefault(logs, (value, (share, share), number))
-    values, priors, numbers = zip(*found.values(), strict=True)
+            hypotheses.setdefault(logs, (value, (share, share), number))
+    values, priors, numbers = zip(*hypotheses.values(), strict=True)
     best = signs_of(as_is, values, priors)
     if best.group < 0 or best.odds < LIKELY:
         return None
-    logs = list(found)[best.group]
+    logs = list(hypotheses)[best.group]
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
     ahead = best.ahead
     if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
-        plain = log_sum(given.inverted, axis=1) - log_sum(given.right, axis=1)
+        plain = log_sum(as_logged.inverted, axis=1) - log_sum(as_logged.right, axis=1)
         ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
     # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
     sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
-    sure = sure and not judged.variant(numbers[best.group]).strange().any()
+    sure = sure and not evidence.variant(numbers[best.group]).strange().any()
     about = best.named()
     moved = order.with_any(about) if order is not None and logs == everyone else np.zeros_like(about)
-    by = np.where(judged.over(about | moved, False), -1.0, 1.0)
-    return judged.decision(
+    by = np.where(evidence.over(about | moved, False), -1.0, 1.0)
+    return evidence.decision(
         "certain" if sure and not moved.any() else "ask",
         numbers[best.group],
         check=SIGN,
@@ -292,26 +292,26 @@ ORDER = CERTAIN  # log odds from which anything is said: of 430 right logs one h
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
-def _fits(judged: JointEvidence) -> Array:
-    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class."""
-    size, m = judged.crossed.by_class(), len(judged.own)
-    own = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
-    return least(size, own).reshape(m, m)
+def _fits(evidence: JointEvidence) -> Array:
+    """(m, m) log odds of column k against joint j's own column, by the least favourable class."""
+    size, m = evidence.crossed.by_class(), len(evidence.joint_indices)
+    diagonal = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
+    return least(size, diagonal).reshape(m, m)
 
 
-def _gains(judged: JointEvidence) -> Array:
-    """(m, m) as `_fits`, but no more than the sign of k is known by under j: what depends on the place fits
-    any joint by chance.
+def _gains(evidence: JointEvidence) -> Array:
+    """(m, m) as `_fits`, bounded by the log odds of the sign of column k at joint j. A function of the
+    position fits any joint by chance.
     """
-    right, inverted = judged.crossed.signs()
-    gains = np.minimum(_fits(judged), np.abs(right - inverted).reshape(len(judged.own), -1))
+    right, inverted = evidence.crossed.signs()
+    gains = np.minimum(_fits(evidence), np.abs(right - inverted).reshape(len(evidence.joint_indices), -1))
     np.fill_diagonal(gains, 0.0)
     return gains
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnOrder:
-    """The best order but the one given: the column of each moving joint (m,), odds as in `Decision`."""
+    """The best order besides the logged one: the column of each moving joint (m,), odds as in `Decision`."""
 
     columns: Index
     odds: float
@@ -333,9 +333,9 @@ class ColumnOrder:
         return int((self.columns != count).sum()) == 2 or bool((self.columns == count[::-1]).all())
 
 
-def order_of(judged: JointEvidence) -> ColumnOrder | None:
-    """None where the order given is the best one."""
-    gains = _gains(judged)
+def order_of(evidence: JointEvidence) -> ColumnOrder | None:
+    """The best other order of the columns; None where the logged order is the best."""
+    gains = _gains(evidence)
     columns, odds = _assigned(gains)
     if (columns == np.arange(len(columns))).all():
         return None
@@ -348,7 +348,7 @@ def order_of(judged: JointEvidence) -> ColumnOrder | None:
 
 
 def _assigned(gains: Array) -> tuple[Index, float]:
-    """The columns (m,) of most gain, and their log odds."""
+    """The assignment of columns (m,) with the largest gain, and its log odds."""
     from scipy.optimize import linear_sum_assignment
 
     columns, m = np.asarray(linear_sum_assignment(-gains)[1]), len(gains)
@@ -357,19 +357,20 @@ def _assigned(gains: Array) -> tuple[Index, float]:
     return columns, float(gains[np.arange(m), columns].sum() + prior)
 
 
-def _exchanged(
-    judged: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
+def _exchanged_columns(
+    evidence: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
-    """Exchanged columns, if the halves of every log, judged by themselves, say so together."""
+    """Exchanged columns, if both halves of the logs support the exchange together."""
     m = len(order.columns)
-    halves = [_half_gain(logs, path, body, judged.own, order.columns, first) for first in (True, False)]
+    joints = evidence.joint_indices
+    halves = [_half_gain(logs, path, body, joints, order.columns, first) for first in (True, False)]
     if sum(halves) < LIKELY:
         return None
-    explained = not judged.crossed.take(np.arange(m) * m + order.columns).strange().any()
+    explained = not evidence.crossed.take(np.arange(m) * m + order.columns).strange().any()
     sure = order.usual and explained and min(halves) >= LIKELY and order.ahead >= CERTAIN
-    best = np.arange(len(judged.rows.parts))
-    best[judged.own] = judged.own[order.columns]
-    return judged.decision(
+    best = np.arange(len(evidence.rows.parts))
+    best[joints] = joints[order.columns]
+    return evidence.decision(
         "certain" if sure else "ask",
         check=SWAPPED,
         by=tuple(best.astype(np.float64).tolist()),
@@ -379,48 +380,51 @@ def _exchanged(
 
 
 def _half_gain(
-    logs: Sequence[Log], path: Channel, body: Mean | None, own: Index, order: Index, first: bool
+    logs: Sequence[Log], path: Channel, body: Mean | None, joints: Index, order: Index, first: bool
 ) -> float:
-    """What the order gains over half of every log."""
+    """Log odds of the order in one half of every log."""
     parts = [log.take((log.t <= 0.5 * (log.t[0] + log.t[-1])) == first) for log in logs]
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(
-        _gains(JointEvidence(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum()
-    )
+    gains = _gains(JointEvidence(rows, joints, WhitenedMotion.of(rows, joints)))
+    return float(gains[np.arange(len(joints)), order].sum())
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
-def _backwards(judged: JointEvidence) -> float:
-    """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
-    given = judged.variant(AS_LOGGED)
-    right, back, opposed = (log_sum(x, axis=1) for x in (given.right, given.reversed, given.opposed))
+def _backwards(evidence: JointEvidence) -> float:
+    """Log odds that the rows run backwards, with right or inverted signs, against the logs as they are."""
+    as_logged = evidence.variant(AS_LOGGED)
+    right, back, opposed = (
+        log_sum(x, axis=1) for x in (as_logged.right, as_logged.reversed, as_logged.opposed)
+    )
     either = np.logaddexp(np.log1p(-EACH) + back, np.log(EACH) + opposed)
     signs = [np.log(AS_IS) + back.sum(), np.log(SOME) + either.sum(), np.log(ALL) + opposed.sum()]
     return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
-def _reversed(judged: JointEvidence) -> Decision | None:
-    """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
-    but for these; where the two cannot be told apart, the question of signs names both.
+def _reversed_rows(evidence: JointEvidence) -> Decision | None:
+    """Rows that run backwards: inertia and weight have the right sign, friction is inverted. Inverted signs
+    look similar; where the data do not separate the two, the question on signs names both.
     """
-    given = judged.variant(AS_LOGGED)
-    right, inverted, back = (log_sum(x, axis=1) for x in (given.right, given.inverted, given.reversed))
+    as_logged = evidence.variant(AS_LOGGED)
+    right, inverted, back = (
+        log_sum(x, axis=1) for x in (as_logged.right, as_logged.inverted, as_logged.reversed)
+    )
     turned = BACKWARDS + float((back - right).sum())
     flipped = float(np.log(ALL)) + float((inverted - right).sum())
-    as_is, other = given.signs()
+    as_is, other = as_logged.signs()
     signs = signs_of(as_is, [other], [(ALL, SOME)])
-    rest = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
-    explained = np.mean(back > log_sum(given.free, axis=1) + NEITHER) > EXPLAINED
-    if turned < LIKELY or turned < rest + LIKELY or not explained:
+    rival_odds = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
+    explained = np.mean(back > log_sum(as_logged.free, axis=1) + NEITHER) > EXPLAINED
+    if turned < LIKELY or turned < rival_odds + LIKELY or not explained:
         return None
-    sure = turned >= CERTAIN and turned > rest + CERTAIN
-    return judged.decision(
-        "certain" if sure else "ask", check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - rest
+    sure = turned >= CERTAIN and turned > rival_odds + CERTAIN
+    return evidence.decision(
+        "certain" if sure else "ask", check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - rival_odds
     )
 
 
@@ -444,14 +448,14 @@ class Weight:
     sizes: Array
 
 
-def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
-    """By least squares, beside the file's other torques, inertia and friction; each joint is weighed by what
-    is left of it. None without a model file, or where it has no weight.
+def weight_of(rows: FilteredRows, joints: Index) -> Weight | None:
+    """The weight in the commands by least squares, beside the file's other torques, inertia and friction. The
+    residual variance weighs each joint. None without a model file, or where the file has no weight.
     """
     if rows.torque is None or rows.static is None:
         return None
-    product, square = np.zeros(len(own)), np.zeros(len(own))
-    for i, j in enumerate(own.tolist()):
+    product, square = np.zeros(len(joints)), np.zeros(len(joints))
+    for i, j in enumerate(joints.tolist()):
         y, g = rows.command[:, j, AS_LOGGED], rows.static[:, j]
         others = [np.ones_like(y), rows.torque[:, j] - g, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
         Q = np.linalg.qr(np.column_stack(others))[0]
@@ -463,33 +467,34 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         parts, deviations = np.where(square > 0.0, product / square, 0.0), np.sqrt(APART / square)
+    command = rows.command[:, joints, AS_LOGGED]
     return Weight(
         float(product.sum() / square.sum()),
         float(np.sqrt(APART / square.sum())),
         parts,
         deviations,
-        rows.static[:, own].std(axis=0) / np.maximum(rows.command[:, own, AS_LOGGED].std(axis=0), FAINT),
+        rows.static[:, joints].std(axis=0) / np.maximum(command.std(axis=0), FAINT),
     )
 
 
 FAINT = 1e-12  # squared N m: no weight
 
 
-def _weights(judged: JointEvidence, force: bool) -> Decision | None:
-    """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
-    weight = weight_of(judged.rows, judged.own)
+def _weight_question(evidence: JointEvidence, force: bool) -> Decision | None:
+    """A question on an inverted weight in a joint without clear friction, or on a missing weight."""
+    weight = weight_of(evidence.rows, evidence.joint_indices)
     if weight is None:
         return None
-    told = (np.abs(weight.parts) > SURE * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
-    right, inverted = judged.variant(AS_LOGGED).signs()
+    significant = (np.abs(weight.parts) > SURE * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
+    right, inverted = evidence.variant(AS_LOGGED).signs()
     heavy = np.abs(weight.parts) * weight.sizes > HEAVY
-    down = judged.over(told & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
+    down = evidence.over(significant & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
         # masses or a mounting that are wrong in the file turn a weight as well, so nothing is repaired
-        return judged.decision("ask", check=SIGN, by=by, odds=SURE, ahead=0.0, why="weight")
+        return evidence.decision("ask", check=SIGN, by=by, odds=SURE, ahead=0.0, why="weight")
     little = abs(weight.part) < LITTLE and (1.0 - weight.part) > SURE * weight.deviation
-    if force and little and not told.any():
+    if force and little and not significant.any():
         by = (weight.part, weight.deviation)
-        return judged.decision("ask", check=GRAVITY, by=by, odds=SURE)
+        return evidence.decision("ask", check=GRAVITY, by=by, odds=SURE)
     return None

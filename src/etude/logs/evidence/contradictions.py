@@ -20,7 +20,7 @@ from etude.logs.checks.filtered_motion import goes_far
 from etude.logs.checks.finding_texts import Doubt, accepted, named
 from etude.logs.evidence.changed_parameters import ChangeEvidence
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
-from etude.logs.evidence.likelihood import FEW, SMALL_WAY, Point, WhitenedMotion, covariances, log_sum
+from etude.logs.evidence.likelihood import FEW, SMALL_TRAVEL, Point, WhitenedMotion, covariances, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -31,7 +31,7 @@ ODDS, MOST_JOINTS = 150.0, 0.75
 
 def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
     """The log that one model explains worst with the others, and by joint (m,) the log odds of a model of its
-    own; None where no log is odd, or most joints go a short way in one.
+    own. None where no log is odd, or most joints move little in one of them.
 
     Args:
         logs: with positions `path` and commands on them, whose signs, order and clocks are right.
@@ -39,48 +39,49 @@ def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
     rows = rows_of(logs, path)
     if rows is None or not rows.moving.any():
         return None
-    own = np.flatnonzero(rows.moving & _far_in_each(rows))
-    if 2 * len(own) < rows.moving.sum():
+    joints = np.flatnonzero(rows.moving & _moves_far_in_each(rows))
+    if 2 * len(joints) < rows.moving.sum():
         return None
-    together = WhitenedMotion(rows, own, FEW).free(rows.command)[:, 0]
+    together = WhitenedMotion(rows, joints, FEW).free(rows.command)[:, 0]
     numbers = np.unique(rows.log)
-    each = {int(i): _apart(rows, own, int(i)) - together for i in numbers[-MOST_GROUPS:] if len(numbers) > 1}
+    newest = numbers[-MOST_GROUPS:].tolist() if len(numbers) > 1 else []
+    each = {i: _odd_evidence(rows, joints, i) - together for i in newest}
     odd = max(each, key=lambda i: float(each[i].sum()), default=-1)
-    if odd < 0 or not _clear(each[odd]):
+    if odd < 0 or not _is_clear(each[odd]):
         return None
-    gains = each[odd] - np.max([_of_halves(log, path, own) for log in logs], axis=0)
-    return (odd, gains) if _clear(gains) else None
+    gains = each[odd] - np.max([_half_gains(log, path, joints) for log in logs], axis=0)
+    return (odd, gains) if _is_clear(gains) else None
 
 
-def _far_in_each(rows: FilteredRows) -> Mask:
-    """(k,) sliding joints, and turning ones that go far in every log: in a short way all is of the place."""
-    ways = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
+def _moves_far_in_each(rows: FilteredRows) -> Mask:
+    """(k,) sliding joints, and turning ones that move far in every log: near one pose any term fits."""
+    travels = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
     turns = np.array([unit == "rad" for unit in rows.units])
-    return np.asarray(~turns | (np.min(ways, axis=0) > SMALL_WAY))
+    return np.asarray(~turns | (np.min(travels, axis=0) > SMALL_TRAVEL))
 
 
-def _apart(rows: FilteredRows, own: Index, log: int) -> Array:
-    return WhitenedMotion(rows, own, FEW, odd=rows.log == log).free(rows.command)[:, 0]
+def _odd_evidence(rows: FilteredRows, joints: Index, log: int) -> Array:
+    return WhitenedMotion(rows, joints, FEW, odd=rows.log == log).free(rows.command)[:, 0]
 
 
-def _clear(gains: Array) -> bool:
+def _is_clear(gains: Array) -> bool:
     return float(gains.sum()) >= ODDS and float((gains >= LIKELY).mean()) >= MOST_JOINTS
 
 
-def _of_halves(log: Log, path: Channel, own: Index) -> Array:
-    """(m,) what halves of a log gain by models of their own, 0 at least."""
+def _half_gains(log: Log, path: Channel, joints: Index) -> Array:
+    """(m,) log odds of separate models of a log's halves against one model; at least 0."""
     first = log.t <= 0.5 * (log.t[0] + log.t[-1])
     rows = rows_of([log.take(first), log.take(~first)], path)
     if rows is None or len(np.unique(rows.log)) < 2:
-        return np.zeros(len(own))
-    together = WhitenedMotion(rows, own, FEW).free(rows.command)[:, 0]
-    return np.maximum(_apart(rows, own, 0) - together, 0.0)
+        return np.zeros(len(joints))
+    together = WhitenedMotion(rows, joints, FEW).free(rows.command)[:, 0]
+    return np.maximum(_odd_evidence(rows, joints, 0) - together, 0.0)
 
 
 CONTRADICTS = "contradiction"
 LOADED, OTHER = 25.0, 30.0  # log odds of a load, and of other masses: right logs had 14 at most
 # of friction: a factor, log odds over the joints that have it, and their part; right logs had -31 % in a half
-FACTOR, RUBBED, MOST_RUB = 1.35, 40.0, 0.6
+FACTOR, FRICTION_ODDS, MOST_FRICTION = 1.35, 40.0, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +89,8 @@ class _Difference:
     """How a log differs from others by the model file; odds of -inf where nothing shows.
 
     Attributes:
-        kg: more at its last link; None where the masses of links differ. factor: of its friction; None where
-            it does not differ; 0 where joints differ.
+        kg: additional load at its last link; None where the masses of links differ.
+        factor: of its friction; None where it does not differ; 0 where the joints' factors differ.
     """
 
     odds: float
@@ -103,83 +104,84 @@ class _Difference:
     @property
     def causes(self) -> list[str]:
         """What explains it."""
-        found = ["other masses of its links"] if self.kg is None else []
+        causes = ["other masses of its links"] if self.kg is None else []
         if self.kg:
-            found = [f"{abs(self.kg):.2g} kg {'more' if self.kg > 0.0 else 'less'} at the last link"]
+            causes = [f"{abs(self.kg):.2g} kg {'more' if self.kg > 0.0 else 'less'} at the last link"]
         if self.factor is not None:
-            found += [f"friction {self.factor:.2g} times as large" if self.factor else "other friction"]
-        return found
+            causes += [f"friction {self.factor:.2g} times as large" if self.factor else "other friction"]
+        return causes
 
 
 def contradiction(
     logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str], old: int = 0
 ) -> Finding | None:
-    """The finding that a log is of another robot than the others by the model file; None of none.
+    """The finding, by the model file, that a log is of another robot; None if all agree.
 
     Args:
-        old: how many of them, the first, are not doubted.
+        old: number of accepted logs, which come first.
     """
     rows = None if body is None or len(logs) < 2 else rows_of(logs, path, body)
     if rows is None or body is None or not isinstance(body, SupportsVariations):
         return None
-    told = np.unique(rows.log).tolist()
-    two = len(told) == 2
-    doubted = [i for i in told if i >= old][-1 if two else -MOST_GROUPS :]
-    if len(told) < 2 or not doubted:
+    numbers = np.unique(rows.log).tolist()
+    two = len(numbers) == 2
+    doubted = [i for i in numbers if i >= old][-1 if two else -MOST_GROUPS :]
+    if len(numbers) < 2 or not doubted:
         return None
-    found = _differences(rows, doubted, path, body)
-    odd, best = max(zip(doubted, found, strict=True), key=lambda one: one[1].odds)
+    differences = _differences(rows, doubted, path, body)
+    odd, best = max(zip(doubted, differences, strict=True), key=lambda one: one[1].odds)
     if not best.causes:
         return None
     if two and best.kg is not None and best.kg < 0.0:  # of two, that with the load is named
-        odd, best = sum(told) - odd, best.inverse()
+        odd, best = sum(numbers) - odd, best.inverse()
     verb = "explains" if len(best.causes) == 1 else "explain"
     why = f"{' and '.join(best.causes)} in {sources[odd]} {verb} it"
     fact = f"no model of one robot with one load explains them (odds e^{best.odds:.0f} to 1)"
-    return contradicting(sources, odd, told, fact, why[0].upper() + why[1:])
+    return contradicting(sources, odd, numbers, fact, why[0].upper() + why[1:])
 
 
 def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body: Mean) -> list[_Difference]:
-    """Of each of the doubted logs."""
+    """The difference of each doubted log from the others."""
     step = float(np.median(np.diff(rows.t)))
     rows = rows.take(np.arange(0, len(rows.t), max(1, round(ROWS_APART / step))))
-    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     after = np.stack([rows.log == i for i in doubted], axis=1)
-    heard = np.array([goes_far(rows.q[one]) & goes_far(rows.q[~one]) for one in after.T])[:, own]
-    if len(own) < 2:
+    informative = np.array([goes_far(rows.q[one]) & goes_far(rows.q[~one]) for one in after.T])[:, joints]
+    if len(joints) < 2:
         return [_Difference(-np.inf)] * len(doubted)
-    evidence = ChangeEvidence.of(rows, own, path, body, after.astype(np.float64), heard)
+    evidence = ChangeEvidence.of(rows, joints, path, body, after.astype(np.float64), informative)
     speeds, others = (
-        np.array([rows.qd[some].std(axis=0) for some in which])[:, own] for which in (after.T, ~after.T)
+        np.array([rows.qd[some].std(axis=0) for some in which])[:, joints] for which in (after.T, ~after.T)
     )
     alike = (speeds < SPEEDS * others) & (others < SPEEDS * speeds)
     return [_difference(evidence, i, alike[i]) for i in range(len(doubted))]
 
 
 def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Difference:
-    """Of one change. alike: (k,) joints whose speeds compare: slow ones stick, and rub less or more."""
+    """The difference in one change. alike: (k,) joints with comparable speeds: friction depends on them."""
     (load, kg), masses = evidence.load(which), evidence.masses(which)
     odds, factor = evidence.friction(which)
     differ = alike & (odds >= LIKELY) & ((factor > FACTOR) | (factor < 1.0 / FACTOR))
-    rubs, found = float(odds[differ].sum()), _Difference(-np.inf)
+    friction_odds, difference = float(odds[differ].sum()), _Difference(-np.inf)
     if load >= LOADED or masses >= OTHER:
-        found = _Difference(max(load, masses), kg if load >= MOST_OF * masses else None)
-    if rubs >= RUBBED and differ.sum() >= MOST_RUB * evidence.heard[which].sum():
-        found = replace(found, odds=max(rubs, found.odds), factor=_in_common(factor[differ]))
-    return found
+        difference = _Difference(max(load, masses), kg if load >= MOST_OF * masses else None)
+    if friction_odds >= FRICTION_ODDS and differ.sum() >= MOST_FRICTION * evidence.informative[which].sum():
+        largest = max(friction_odds, difference.odds)
+        difference = replace(difference, odds=largest, factor=_in_common(factor[differ]))
+    return difference
 
 
 def _in_common(factor: Array) -> float:
-    """The median of factors (k,); 0 where they are not alike."""
+    """The median of factors (k,); 0 where they differ."""
     middle = float(np.median(factor))
     return middle if (np.abs(factor - middle) < ALIKE * middle).all() else 0.0
 
 
-def contradicting(sources: Sequence[str], odd: int, told: Sequence[int], fact: str, why: str) -> Finding:
-    """The finding that the log `odd` contradicts the others of those told."""
+def contradicting(sources: Sequence[str], odd: int, numbers: Sequence[int], fact: str, why: str) -> Finding:
+    """The finding that the log `odd` contradicts the others of `numbers`."""
     who = f"{sources[odd]} contradicts the other logs"
-    if len(told) == 2:
-        who = f"{' and '.join(sources[i] for i in told)} contradict each other"
+    if len(numbers) == 2:
+        who = f"{' and '.join(sources[i] for i in numbers)} contradict each other"
     return Finding(
         CONTRADICTS,
         "yellow",
@@ -191,11 +193,11 @@ def contradicting(sources: Sequence[str], odd: int, told: Sequence[int], fact: s
 
 
 def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequence[str]) -> Finding | None:
-    """The finding that logs are not of one robot; None of none."""
-    found = odd_log(logs, path)
-    if found is None:
+    """The finding that logs are not of one robot; None if one model explains them."""
+    outlier = odd_log(logs, path)
+    if outlier is None:
         return None
-    odd, gains = found
+    odd, gains = outlier
     joints = f"{int((gains >= LIKELY).sum())} of {len(gains)} joints"
     fact = f"a model of its own explains the commands of {joints} better (odds e^{gains.sum():.0f} to 1)"
     return contradicting(sources, odd, range(len(logs)), fact, "No sign, order or delay explains it")
@@ -213,7 +215,7 @@ ROWS_APART = 0.2  # s, of rows of several logs
 MOST_OF = 0.8  # of what other masses gain, by a load: then it is a load
 SPEEDS = 3.0  # ratio of speeds, up to which friction compares
 ALIKE = 0.4  # of a factor of friction, by which joints may differ from it
-SOME_WAY = 0.5  # of a joint's way, before a load is taken up and after
+SOME_TRAVEL = 0.5  # of a joint's range, before a load is taken up and after
 SOME_JOINTS = 0.5  # of those that have a say: a load shows in some of them only
 Kind = Literal["sign", "load", "robot"]
 
@@ -239,23 +241,23 @@ class _Cut:
     """A log's rows without those about a time, and which of them come after it.
 
     Attributes:
-        own: (m,) joints that go far before and after it.
+        joint_indices: (m,) joints that go far before and after it.
         covariance: of a point of the grid: that of all rows, of which these are some.
     """
 
     rows: FilteredRows
     after: Mask
     span: tuple[float, float]
-    own: Index
+    joint_indices: Index
     covariance: Callable[[Point], Array]
 
 
 def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
-    """The likeliest change within a log, whatever its signs, orders and delays; None of none.
+    """The likeliest change within a log, whatever its signs, order and delay; None without a change.
 
     Args:
         log: with positions `path` and commands on them.
-        body: what a model file says of the commands by itself; None without one.
+        body: the model file's prediction of the commands; None without a file.
     """
     rows = rows_of([log], path, body)
     if rows is None or len(rows.t) < 2 * LEAST_ROWS:
@@ -265,13 +267,13 @@ def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
     if not cuts:
         return None
     turned, apart = zip(*(_gains(cut) for cut in cuts), strict=True)
-    found = [_sign_change(cuts, turned), _load_change(rows, path, body)]
-    likeliest = max((one for one in found if one is not None), key=lambda one: one.odds, default=None)
+    changes = [_sign_change(cuts, turned), _load_change(rows, path, body)]
+    likeliest = max((one for one in changes if one is not None), key=lambda one: one.odds, default=None)
     return likeliest or _change_of_all(cuts, apart)
 
 
 def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
-    """s of the stretches about times at which a log is cut; the first and the last part are twice as long."""
+    """Intervals (s) around the times at which a log is cut; the first and the last part are twice as long."""
     start, step = float(rows.t[0]), float(np.ptp(rows.t)) / (count + 1)
     return [(start + (k - 0.5) * step, start + (k + 0.5) * step) for k in range(1, count + 1)]
 
@@ -290,47 +292,47 @@ def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
             & (np.ptp(part.command[..., AS_LOGGED], axis=0) > 0)
         )
         if far.any():
-            yield _Cut(part, after, span, np.flatnonzero(far), partial(_of_some, whole, out))
+            yield _Cut(part, after, span, np.flatnonzero(far), partial(_submatrix, whole, out))
 
 
-def _of_some(whole: Callable[[Point], Array], out: slice, point: Point) -> Array:
-    """The covariance of the rows without some that are next to each other; blocks are copied, not rows."""
+def _submatrix(whole: Callable[[Point], Array], out: slice, point: Point) -> Array:
+    """The covariance without the consecutive rows `out`; whole blocks are copied."""
     K = whole(point)
     n, m = len(K), len(K) - (out.stop - out.start)
-    kept = ((slice(0, out.start), slice(0, out.start)), (slice(out.stop, n), slice(out.start, m)))
-    found = np.empty((m, m), order="F")  # the order that factors want
-    for from_row, row in kept:
-        for from_column, column in kept:
-            found[row, column] = K[from_row, from_column]
-    return found
+    blocks = ((slice(0, out.start), slice(0, out.start)), (slice(out.stop, n), slice(out.start, m)))
+    covariance = np.empty((m, m), order="F")  # the order that factors want
+    for from_row, row in blocks:
+        for from_column, column in blocks:
+            covariance[row, column] = K[from_row, from_column]
+    return covariance
 
 
 def _gains(cut: _Cut) -> tuple[Array, Array]:
-    """(k,) each: what the commands negated after the cut gain, and a model of its own there; 0 of joints that
-    have no say.
+    """(k,) each: log odds of negated commands after the cut, and of a separate model there; 0 for joints that
+    do not count.
     """
-    rows, own, known = cut.rows, cut.own, cut.covariance
+    rows, joints, covariance = cut.rows, cut.joint_indices, cut.covariance
     turned = np.where(cut.after[:, None], -1.0, 1.0) * rows.command[..., AS_LOGGED]
     both = np.concatenate([rows.command, turned[..., None]], axis=2)
     as_is, negated = (
-        WhitenedMotion(rows, own, FEW, covariance=known).free(both, (AS_LOGGED, both.shape[2] - 1)).T
+        WhitenedMotion(rows, joints, FEW, covariance=covariance).free(both, (AS_LOGGED, both.shape[2] - 1)).T
     )
-    apart = WhitenedMotion(rows, own, FEW, cut.after, known).free(rows.command)[:, 0]
-    found = np.zeros((2, rows.q.shape[1]))
+    apart = WhitenedMotion(rows, joints, FEW, cut.after, covariance).free(rows.command)[:, 0]
+    gains = np.zeros((2, rows.q.shape[1]))
     # with one reversal in all, friction is a sign that turns there
-    turns = _both_ways(rows.qd[cut.after]) & _both_ways(rows.qd[~cut.after])
-    found[:, own] = np.where(turns[own], negated - as_is, 0.0), apart - as_is
-    return found[0], found[1]
+    turns = _moves_both_ways(rows.qd[cut.after]) & _moves_both_ways(rows.qd[~cut.after])
+    gains[:, joints] = np.where(turns[joints], negated - as_is, 0.0), apart - as_is
+    return gains[0], gains[1]
 
 
-def _both_ways(qd: Array) -> Mask:
+def _moves_both_ways(qd: Array) -> Mask:
     """(k,) whether joints move forwards and backwards, beyond a part of their top speed."""
     least = TURN_SPEED * np.abs(qd).max(axis=0)
     return np.asarray((qd.max(axis=0) > least) & (qd.min(axis=0) < -least))
 
 
 def _sign_change(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
-    """Of one joint or several at one time."""
+    """The change of sign of one joint or several at one time."""
     each = _above_usual(np.array(gains)) - np.log(len(gains[0]))
     total = np.maximum(each, 0.0).sum(axis=1)
     best = int(total.argmax())
@@ -343,12 +345,16 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     """A load at the last link, by the model file."""
     if body is None or not isinstance(body, SupportsVariations):
         return None
-    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     spans = _spans(rows, LOAD_CUTS)
     after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
-    heard = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])[:, own]
-    heard[heard.sum(axis=1) < min(2, len(own))] = False  # one joint of several may call its friction a load
-    evidence = ChangeEvidence.of(rows, own, path, body, after, heard, most=1)
+    informative = np.array(
+        [_covers_range(rows.q, rows.t < a) & _covers_range(rows.q, rows.t > b) for a, b in spans]
+    )
+    informative = informative[:, joints]
+    # one joint of several may call its friction a load
+    informative[informative.sum(axis=1) < min(2, len(joints))] = False
+    evidence = ChangeEvidence.of(rows, joints, path, body, after, informative, most=1)
     each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
     odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))
     taken = float(kg[each.argmax()])
@@ -358,9 +364,11 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     return Change("load", none, _span(spans, each), odds, taken)
 
 
-def _goes_on(q: Array, some: Mask) -> Mask:
-    """(k,) whether joints go a part of their way (n, k) in some rows: a start from rest is another motion."""
-    return np.asarray(np.ptp(q[some], axis=0) > SOME_WAY * np.ptp(q, axis=0))
+def _covers_range(q: Array, some: Mask) -> Mask:
+    """(k,) whether joints cover a part of their range (n, k) in some rows. A start from rest is another
+    motion.
+    """
+    return np.asarray(np.ptp(q[some], axis=0) > SOME_TRAVEL * np.ptp(q, axis=0))
 
 
 def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
@@ -369,18 +377,18 @@ def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | Non
     best = int(total.argmax())
     likely = np.asarray(gains[best] >= LIKELY)
     odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
-    if odds < ODDS or likely[cuts[best].own].mean() < SOME_JOINTS:
+    if odds < ODDS or likely[cuts[best].joint_indices].mean() < SOME_JOINTS:
         return None
     return Change("robot", likely, _span([cut.span for cut in cuts], total), odds)
 
 
 def _above_usual(gains: Array) -> Array:
-    """Gains (c, ...) of the cuts over the median of all: what any cut gains is a fault of the model."""
+    """Gains (c, ...) of the cuts above the median of all: a gain of every cut is an error of the model."""
     return np.asarray(gains - np.maximum(np.median(gains, axis=0), 0.0))
 
 
 def _span(spans: Sequence[tuple[float, float]], total: Array) -> tuple[float, float]:
-    """s between which the change is: the cuts that gain at least half as much as the best."""
+    """Interval (s) of the change: the cuts with at least half of the largest gain."""
     near = np.flatnonzero(total >= 0.5 * total.max())
     return spans[int(near[0])][0], spans[int(near[-1])][1]
 
@@ -392,8 +400,8 @@ def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
     if change.kind == "sign":
         fact = f"The sign of the commands of {names} turns {when}"
     elif change.kind == "load":
-        way = "more" if change.kg > 0.0 else "less"
-        fact = f"From a time {when} on, the last link carries {abs(change.kg):.2g} kg {way}"
+        direction = "more" if change.kg > 0.0 else "less"
+        fact = f"From a time {when} on, the last link carries {abs(change.kg):.2g} kg {direction}"
     else:
         fact = (
             f"From a time {when} on, another model explains the commands of {names}: of another robot or load"

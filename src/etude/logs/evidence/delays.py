@@ -28,34 +28,34 @@ LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 
-def delays(judged: JointEvidence, by: float = 0.0) -> Array:
+def delays(evidence: JointEvidence, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
+    whole = evidence.columns.whole().reshape(len(evidence.joint_indices), -1)[:, : len(DELAYS)]
     return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
 def agreed(longer: Array, shorter: Array) -> float:
-    """Log odds of a delay to another one from evidences (m, c): by class, of joints without that which says
-    most. All joints have one clock: what one of them says alone is of its friction or its gear.
+    """Log odds of one delay against another from evidences (m, c), by class, without the most decisive joint.
+    All joints share one clock: a delay in a single joint is its friction or its gear.
     """
     each = least(longer, shorter)
     return float(each.sum() - (each.max() if len(each) > 1 else 0.0))
 
 
-def at_edge_of(judged: JointEvidence) -> bool:
-    return int(delays(judged).argmax()) in (0, len(DELAYS) - 1)
+def at_edge_of(evidence: JointEvidence) -> bool:
+    return int(delays(evidence).argmax()) in (0, len(DELAYS) - 1)
 
 
-def in_step(judged: JointEvidence, shifted: Callable[[float], JointEvidence]) -> float:
-    """s by which the commands of new logs fit the motion best, at one of the delays that are tried or between
-    them; 0 where that is not certain, or at an end.
+def in_step(evidence: JointEvidence, shifted: Callable[[float], JointEvidence]) -> float:
+    """The best delay (s) of the commands of new logs, at a point of the grid or between two; 0 where it is
+    uncertain or at an end of the grid.
     """
-    total = delays(judged)
+    total = delays(evidence)
     best = int(total.argmax())
-    if at_edge_of(judged):
+    if at_edge_of(evidence):
         return 0.0
     least_known = total[AS_LOGGED] + CERTAIN
-    by, gain = _between(judged, best)
+    by, gain = _between(evidence, best)
     if total[best] + gain >= least_known:
         between = delays(shifted(by), by)[AS_LOGGED]
         if between >= max(total[best], least_known):
@@ -66,14 +66,14 @@ def in_step(judged: JointEvidence, shifted: Callable[[float], JointEvidence]) ->
 LEAST_LEFT = 1e-3  # of what a fit leaves at the best delay tried, by a parabola that may fall below zero
 
 
-def _between(judged: JointEvidence, best: int) -> tuple[float, float]:
-    """A delay about the best one that is tried, s, and about what it gains in log odds.
+def _between(evidence: JointEvidence, best: int) -> tuple[float, float]:
+    """Refined delay (s) around the best grid point by a parabola, and its gain in log odds.
 
-    What a fit leaves of a command is a parabola in a small shift, in which the command is linear. The
-    evidence falls with half its logarithm for each row.
+    The residual variance of a command is quadratic in a small shift, since the command is linear in it. The
+    log evidence is minus half the logarithm of that variance for each row.
     """
-    n, near = len(judged.rows.t), slice(best - 1, best + 2)
-    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, near]
+    n, near = len(evidence.rows.t), slice(best - 1, best + 2)
+    whole = evidence.columns.whole().reshape(len(evidence.joint_indices), -1)[:, near]
     left = np.exp(-2.0 / n * (whole - whole[:, 1:2])).mean(axis=0)
     bend = np.polyfit(DELAYS[near], left, 2)
     by = float(np.clip(-0.5 * bend[1] / bend[0], DELAYS[best - 1], DELAYS[best + 1]))
@@ -86,13 +86,13 @@ class Clock:
 
     Attributes:
         logs: all. which: those. path: of their positions.
-        judged: of their clock, `JointEvidence.without_turns`. whole: of all their rows.
+        evidence: of their clock, `JointEvidence.without_turns`. whole: of all their rows.
     """
 
     logs: Sequence[Log]
     path: Channel
     which: tuple[int, ...]
-    judged: JointEvidence
+    evidence: JointEvidence
     whole: JointEvidence
 
     @classmethod
@@ -112,46 +112,46 @@ class Clock:
 
     @property
     def excludes_delays(self) -> bool:
-        """Whether short delays explain the commands better than longer ones, whatever is likely before."""
-        total = delays(self.judged) + DELAY_PRIOR * np.abs(DELAYS)
+        """Whether short delays explain the commands better than longer ones, without the prior."""
+        total = delays(self.evidence) + DELAY_PRIOR * np.abs(DELAYS)
         short = np.abs(DELAYS) < LEAST_DELAY
         return float(total[short].max() - total[~short].max()) >= LIKELY
 
     def in_step(self) -> list[Log]:
         """All logs, with the commands of these shifted where that is certain."""
-        by = in_step(self.judged, self._shifted)
+        by = in_step(self.evidence, self._shifted)
         return [shifted_log(log, by) if by and i in self.which else log for i, log in enumerate(self.logs)]
 
     def decision(self) -> Decision | None:
         """A question on a long delay, or a note on one that is tried."""
-        far = far_delay(self.judged, self._shifted, self.which) if at_edge_of(self.judged) else None
-        return far or late(self.judged, self.whole, self.which)
+        far = far_delay(self.evidence, self._shifted, self.which) if at_edge_of(self.evidence) else None
+        return far or late(self.evidence, self.whole, self.which)
 
     def _shifted(self, late: float) -> JointEvidence:
         moved = [shifted_log(self.logs[i], late) for i in self.which]
-        return self.judged.with_command(commands_of(moved, self.path, ()))
+        return self.evidence.with_command(commands_of(moved, self.path, ()))
 
 
 def out_of_step(logs: Sequence[Log], path: Channel, fresh: Sequence[int]) -> tuple[int, ...]:
-    """The new logs whose delay is judged together: all, or those few that are late while others are not."""
-    told = {i: _own_delay(logs[i], path) for i in fresh[-MOST_GROUPS:] if len(fresh) > 1}
-    late = {i: best for i, (best, odds) in told.items() if odds >= SHIFT}
+    """The new logs that share one delay: all of them, or the few that are late while the others are not."""
+    delay_by_log = {i: _log_delay(logs[i], path) for i in fresh[-MOST_GROUPS:] if len(fresh) > 1}
+    late = {i: best for i, (best, odds) in delay_by_log.items() if odds >= SHIFT}
     if not late:
         return tuple(fresh)
-    most = late[max(late, key=lambda i: told[i][1])]
+    most = late[max(late, key=lambda i: delay_by_log[i][1])]
     # neighbours among the delays that are tried are one delay
     alike = [i for i, best in late.items() if abs(best - most) <= 1]
-    return tuple(alike) if len(alike) < len(told) else tuple(fresh)
+    return tuple(alike) if len(alike) < len(delay_by_log) else tuple(fresh)
 
 
-def _own_delay(log: Log, path: Channel) -> tuple[int, float]:
-    """Of one log: which of DELAYS is likeliest, and its log odds to the likeliest short one."""
+def _log_delay(log: Log, path: Channel) -> tuple[int, float]:
+    """Index of a log's likeliest delay in DELAYS, and its log odds against the likeliest short one."""
     rows = rows_of([log], path)
     if rows is None or not rows.moving.any():
         return AS_LOGGED, 0.0
-    own, each, rows = np.flatnonzero(rows.moving), [], rows.without_turns()
+    joints, each, rows = np.flatnonzero(rows.moving), [], rows.without_turns()
     for length in LENGTHS:
-        motion = WhitenedMotion(rows, own, tuple(p for p in FEW if p.length == length), terms=CLOCK_TERMS)
+        motion = WhitenedMotion(rows, joints, tuple(p for p in FEW if p.length == length), terms=CLOCK_TERMS)
         each.append(motion.free(rows.command, range(len(DELAYS))))
     return _likeliest(np.array(each))
 
@@ -165,7 +165,7 @@ def _likeliest(each: Array) -> tuple[int, float]:
 
 
 def _likeliest_short(total: Array, best: int) -> tuple[int, float]:
-    """By evidences (d,): which short delay is likeliest, and the log prior odds of the delay `best` to it."""
+    """Index of the likeliest short delay by evidences (d,), and the log prior odds of `best` to it."""
     near = int(np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total).argmax())
     return near, DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
 
@@ -177,37 +177,37 @@ MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a de
 
 
 def far_delay(
-    judged: JointEvidence, shifted: Callable[[float], JointEvidence], fresh: Sequence[int]
+    evidence: JointEvidence, shifted: Callable[[float], JointEvidence], fresh: Sequence[int]
 ) -> Decision | None:
-    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
-    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
-    is a question, and nothing is shifted unasked.
+    """The delay beyond the grid of the rows, by a coarse search and a fine one. None at an end of the
+    search, or where signs are wrong at that delay: many delays fit a periodic motion. The result is
+    therefore a question, never an automatic shift.
     """
-    way = float(np.sign(DELAYS[int(delays(judged).argmax())]))
-    best, own, at = 0.0, judged, AS_LOGGED
-    for centres in ([way * far for far in FAR], None):
+    direction = float(np.sign(DELAYS[int(delays(evidence).argmax())]))
+    best, delayed, at = 0.0, evidence, AS_LOGGED
+    for centres in ([direction * far for far in FAR], None):
         tried = [(by, shifted(by)) for by in centres or [best]]
-        by, own = max(tried, key=lambda one: float(delays(one[1], one[0]).max()))
-        at = int(delays(own, by).argmax())
+        by, delayed = max(tried, key=lambda one: float(delays(one[1], one[0]).max()))
+        at = int(delays(delayed, by).argmax())
         best = by + DELAYS[at]
-    odds = agreed(own.variant(at).by_class(), judged.variant(AS_LOGGED).by_class())
+    odds = agreed(delayed.variant(at).by_class(), evidence.variant(AS_LOGGED).by_class())
     odds -= DELAY_PRIOR * abs(best)
-    right, inverted = own.variant(at).signs()
-    known = np.abs(right - inverted) >= LIKELY
-    clear = known.mean() >= MOST_KNOWN and (right > inverted)[known].all()
+    right, inverted = delayed.variant(at).signs()
+    is_known = np.abs(right - inverted) >= LIKELY
+    clear = is_known.mean() >= MOST_KNOWN and (right > inverted)[is_known].all()
     if odds < FAR_ODDS or not clear or abs(best) >= FARTHEST:
         return None
-    return judged.decision("ask", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
+    return evidence.decision("ask", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
 
 
 def shifted_log(log: Log, late: float) -> Log:
-    """The log with the commands of so many s later; at the ends the last ones."""
+    """The log with the commands of `late` s later; the ends repeat the outermost ones."""
     command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
     return log.put(command, resample(log.t, log[command.name], log.t + late))
 
 
 def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> Decision | None:
-    """Commands of the new logs before or behind the motion, alike in all joints: shifted, or asked about.
+    """The delay or lead of the new logs' commands, common to all joints: a note or a question.
 
     Args:
         clock: where nothing that friction does in a turn has a say. It decides; a short log has little more
@@ -228,7 +228,7 @@ def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> De
     return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=surest)
 
 
-def _odds_of(judged: JointEvidence, best: int) -> float:
-    """Log odds of one of DELAYS to the likeliest short one, by what the joints agree on."""
-    near, prior = _likeliest_short(delays(judged), best)
-    return agreed(*(judged.variant(i).by_class() for i in (best, near))) + prior
+def _odds_of(evidence: JointEvidence, best: int) -> float:
+    """Log odds of one of DELAYS against the likeliest short one, by the agreement of the joints."""
+    near, prior = _likeliest_short(delays(evidence), best)
+    return agreed(*(evidence.variant(i).by_class() for i in (best, near))) + prior

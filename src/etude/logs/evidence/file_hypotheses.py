@@ -28,7 +28,7 @@ SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
 AHEAD = 15.0  # log odds of an offset to centres of mass that are off
 TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are looked at, both ways
 STEP = 0.01  # rad or m: of differences
-ASKED = 0.05  # rad or m: an offset from which the log is questioned
+REPORTED_OFFSET = 0.05  # rad or m: an offset from which the log is questioned
 ZERO, REVERSED = "zero", "reversed"
 SAME, SMALLEST = 1e-6, 1e-300  # of a column: what another one leaves of it; of its length
 COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
@@ -44,12 +44,11 @@ class Zero(NamedTuple):
 
 
 def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tuple[Finding, ...]:
-    """What the model file says of the logs together: a question, a sentence, or nothing.
+    """Findings of the model file on all logs together.
 
     Args:
-        logs: with positions `path` and commands on them that are forces; the others are settled. The last one
-            is new.
-        body: what the model file says of the commands by itself; None without one.
+        logs: with positions `path` and forces as commands on them; all but the last are accepted already.
+        body: the model file's prediction of the commands; None without a file.
     """
     fit = file_fit(logs, path, body)
     if fit is None:
@@ -62,12 +61,12 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     new = fit_of(rows, fit.path, fit.body) if len(rows.t) else None
     turned, odds = ((), 0.0) if new is None else reversed_joints(new)
     if turned:
-        return (_said_reversed(turned, odds, path),)
+        return (_reversal_finding(turned, odds, path),)
     zero = zero_of(fit)
-    return () if zero is None else (_said(zero, path),)
+    return () if zero is None else (_zero_finding(zero, path),)
 
 
-def _said(zero: Zero, path: Channel) -> Finding:
+def _zero_finding(zero: Zero, path: Channel) -> Finding:
     turns = path.units[zero.joint] == "rad"
     size, spread = ((np.degrees(x) if turns else 1e3 * x) for x in (zero.offset, zero.deviation))
     fact = (
@@ -75,13 +74,13 @@ def _said(zero: Zero, path: Channel) -> Finding:
         f"{abs(size):.2g} +- {spread:.1g} {'degrees' if turns else 'mm'} too "
         f"{'much' if size > 0.0 else 'little'} (odds e^{zero.odds:.0f} to 1)."
     )
-    if abs(zero.offset) < ASKED:
+    if abs(zero.offset) < REPORTED_OFFSET:
         return Finding(ZERO, "green", fact)
     step = f"Correct the joint's zero, on the robot or in the model file, and record again; {accepted(ZERO)}."
     return Finding(ZERO, "yellow", fact, step, flag=ZERO)
 
 
-def _said_reversed(turned: Sequence[int], odds: float, path: Channel) -> Finding:
+def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Finding:
     names = named(path.parts, np.isin(np.arange(len(path.parts)), turned))
     verb = "turns" if len(turned) == 1 else "turn"
     return Finding(
@@ -104,20 +103,20 @@ def fit_of(rows: FilteredRows | None, path: Channel, body: Mean) -> FileFit | No
     """The same of rows that hold the file's torque."""
     if rows is None or not isinstance(body, SupportsVariations) or rows.moving.sum() < 2:
         return None
-    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
-    return FileFit(rows, own, path, body) if len(own) > 1 else None
+    joints = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    return FileFit(rows, joints, path, body) if len(joints) > 1 else None
 
 
 @dataclass(frozen=True, eq=False)
 class FileFit:
-    """Rows, the joints whose commands have a say, and what a file says of them.
+    """Rows, the joints whose commands count, and the model file.
 
     Attributes:
-        own: (m,) indices of those joints.
+        joint_indices: (m,) of those joints.
     """
 
     rows: FilteredRows
-    own: Index
+    joint_indices: Index
     path: Channel
     body: Mean
 
@@ -132,8 +131,8 @@ class FileFit:
         """(n, k) the file's torque if each position were (k,) less."""
         rows = self.rows
         assert rows.torque is not None
-        found = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
-        return np.asarray(rows.torque + found[0] - found[1])
+        torques = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
+        return np.asarray(rows.torque + torques[0] - torques[1])
 
     def turned(self, signs: Array) -> Array:
         """(n, k) the file's torque if joints with signs (k,) of -1 turn the other way."""
@@ -149,35 +148,34 @@ class FileFit:
 
     def left(self, torque: Array) -> Array:
         """(m,) part of each command's variance that a torque (n, k), friction and a constant leave."""
-        return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
+        return np.array([self._left_of(j, torque[:, j]) for j in self.joint_indices.tolist()])
 
     def _left_of(self, j: int, torque: Array) -> float:
         command, F = self.rows.command[:, j, AS_LOGGED], self._direction(j, torque)
-        y = self._rest(j, command)
+        y = self._residual(j, command)
         return float(((y - F * (F @ y)) ** 2).mean() / command.var())
 
     @cached_property
-    def _own(self) -> dict[int, Array]:
+    def _bases(self) -> dict[int, Array]:
         """By joint, an orthonormal basis (n, p) of what only its command has: a constant, inertia, friction.
 
-        Friction in all forms: where it turns round over a distance, or holds a joint that stands, it looks
-        like a weight.
+        All forms of friction are included: presliding and static friction look like a weight.
         """
-        rows, found = self.rows, {}
-        for j in self.own.tolist():
+        rows, bases = self.rows, {}
+        for j in self.joint_indices.tolist():
             friction = [rows.friction[:, j], rows.drop[:, j], rows.gradual[:, j], rows.stands[j]]
             X = np.column_stack([np.ones(len(rows.t)), rows.qdd[:, j], rows.qd[:, j], *friction])
             U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), SMALLEST), full_matrices=False)
-            found[j] = U[:, s > SAME * s[0]]
-        return found
+            bases[j] = U[:, s > SAME * s[0]]
+        return bases
 
-    def _rest(self, j: int, values: Array) -> Array:
-        """Values (n, ...) less what only command j has."""
-        return np.asarray(values - self._own[j] @ (self._own[j].T @ values))
+    def _residual(self, j: int, values: Array) -> Array:
+        """Residual of values (n, ...) after the regression on the basis of joint j."""
+        return np.asarray(values - self._bases[j] @ (self._bases[j].T @ values))
 
     def _direction(self, j: int, torque: Array) -> Array:
-        """(n,) of unit length: a torque (n,) less what only command j has; 0 where nothing is left."""
-        left = self._rest(j, torque)
+        """(n,) unit vector of the residual of a torque (n,) at joint j; 0 without one."""
+        left = self._residual(j, torque)
         size = float(np.linalg.norm(left))
         return left / size if size > SAME * float(np.linalg.norm(torque)) else np.zeros_like(left)
 
@@ -194,28 +192,28 @@ class FileFit:
         return self._likelihood(self.shared(columns, self.rows.torque)[0])
 
     def shared(self, columns: Array, torque: Array) -> tuple[Array, Array]:
-        """What is left of each command (m,) and the weights (p,) of columns (n, k, p) that all joints share,
-        beside a torque (n, k) and what is a joint's own.
+        """Residual variance of each command (m,) and weights (p,) of columns (n, k, p) common to all joints,
+        beside a torque (n, k) and each joint's own basis.
         """
-        parts = [self._without_own(j, torque[:, j], columns[:, j]) for j in self.own.tolist()]
+        parts = [self._residuals(j, torque[:, j], columns[:, j]) for j in self.joint_indices.tolist()]
         left = np.array([float((y**2).mean()) for y, _ in parts])
         for _ in range(ROUNDS):
             weights = 1.0 / np.sqrt(left + FLOOR)
-            X = np.concatenate([w * own for w, (_, own) in zip(weights, parts, strict=True)])
-            y = np.concatenate([w * own for w, (own, _) in zip(weights, parts, strict=True)])
-            found = np.linalg.lstsq(X, y, rcond=None)[0]
-            left = np.array([float(((own - C @ found) ** 2).mean()) for own, C in parts])
-        return left, np.asarray(found)
+            X = np.concatenate([w * C for w, (_, C) in zip(weights, parts, strict=True)])
+            y = np.concatenate([w * u for w, (u, _) in zip(weights, parts, strict=True)])
+            coefficients = np.linalg.lstsq(X, y, rcond=None)[0]
+            left = np.array([float(((u - C @ coefficients) ** 2).mean()) for u, C in parts])
+        return left, np.asarray(coefficients)
 
-    def _without_own(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
-        """Command and columns in deviations of the command, less what is the joint's own."""
+    def _residuals(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
+        """Residuals of the command and the columns at joint j, in standard deviations of the command."""
         command = self.rows.command[:, j, AS_LOGGED]
-        y, X, F = self._rest(j, command), self._rest(j, columns), self._direction(j, torque)
+        y, X, F = self._residual(j, command), self._residual(j, columns), self._direction(j, torque)
         return (y - F * (F @ y)) / command.std(), (X - np.outer(F, F @ X)) / command.std()
 
 
 def zero_of(fit: FileFit) -> Zero | None:
-    """The joint whose zero is likeliest off; None where centres of mass that are off explain as much."""
+    """The joint with the likeliest zero offset; None where wrong centres of mass explain as much."""
     from scipy.optimize import minimize_scalar
 
     k = fit.rows.q.shape[1]
@@ -230,8 +228,8 @@ def zero_of(fit: FileFit) -> Zero | None:
         return before - fit.score(fit.torque(np.where(np.arange(k) == i, offset, 0.0)))
 
     near = min((s * d for d in TRIED for s in (1, -1)), key=cost)
-    found = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
-    offset, odds = float(found.x), -float(found.fun)
+    optimum = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
+    offset, odds = float(optimum.x), -float(optimum.fun)
     if odds < SCREEN or odds < AHEAD + _masses(fit) - before:
         return None
     bend = (cost(offset + STEP) - 2.0 * cost(offset) + cost(offset - STEP)) / STEP**2
@@ -241,15 +239,16 @@ def zero_of(fit: FileFit) -> Zero | None:
 def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
     """Joints whose positions and commands are both inverted against the file, and their log odds; () if none.
 
-    Such a joint alone looks right: what couples it to the others has the other sign. One after the other is
-    turned, the best first, as long as centres of mass that are off do not explain as much.
+    Such a joint alone looks right; only its coupling to the others has the other sign. A greedy search turns
+    one joint after the other, as long as wrong centres of mass do not explain as much.
     """
     k = fit.rows.q.shape[1]
     assert fit.rows.torque is not None
     signs, first = np.ones(k), fit.score(fit.turned(np.ones(k)))
     best, odds = first, 0.0
     for _ in range(k - 1):
-        trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in fit.own.tolist() if signs[i] > 0.0}
+        unturned = [i for i in fit.joint_indices.tolist() if signs[i] > 0.0]
+        trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in unturned}
         scores = {i: fit.score(fit.turned(trial)) for i, trial in trials.items()}
         i = max(scores, key=lambda i: scores[i], default=-1)
         if i < 0 or scores[i] - best < AHEAD or not fit.follows(trials[i]):
@@ -265,20 +264,20 @@ CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms ha
 
 
 def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
-    """A clock that no velocity shows: what commands hold of accelerations and squared velocities, beside the
-    weight, is the square of its factor times what the model file gives.
+    """A wrong clock in a log without velocities: the inertial part of the commands is the square of the
+    clock's factor times that of the model file.
     """
     fit = None if measured_rates(log, path) else file_fit([log], path, body)
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
         return None
-    weight, rest = fit.rows.static, fit.rows.torque - fit.rows.static
-    odds = {scale: fit.score(weight + scale**2 * rest) - fit.score(weight + rest) for scale in CLOCKS}
+    weight, inertial = fit.rows.static, fit.rows.torque - fit.rows.static
+    odds = {scale: fit.score(weight + scale**2 * inertial) - fit.score(weight + inertial) for scale in CLOCKS}
     best = max(odds, key=lambda scale: odds[scale])
     if odds[best] < CLOCK_ODDS:
         return None
     fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
-    found = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
-    return replace(found, light="yellow")
+    finding = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
+    return replace(finding, light="yellow")
 
 
 EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction
@@ -286,21 +285,21 @@ LEFT = 0.5  # of what the file's gravity leaves
 
 
 def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> bool:
-    """Whether commands hold a weight, but in another direction than the file's: the base leans, and nothing
-    was taken out.
+    """Whether commands contain a weight in another direction than the file's: the base is tilted, and no
+    gravity compensation was subtracted.
     """
     fit = file_fit(logs, path, body)
     if fit is None or fit.rows.static is None or fit.rows.torque is None:
         return False
     assert isinstance(fit.body, SupportsVariations)
-    pulls, rest = fit.body.pulls(fit.states), fit.rows.torque - fit.rows.static
-    left, gravity = fit.shared(pulls, rest)
-    before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], rest)
+    pulls, inertial = fit.body.pulls(fit.states), fit.rows.torque - fit.rows.static
+    left, gravity = fit.shared(pulls, inertial)
+    before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], inertial)
     return bool(np.linalg.norm(gravity) > HELD * EARTH and left.sum() < LEFT * before.sum())
 
 
 def _slope(fit: FileFit, i: int) -> Array:
-    """(n, k) what commands change by, for each rad that position i reads too much."""
+    """(n, k) change of the commands for each rad of offset of position i."""
     step = STEP * (np.arange(fit.rows.q.shape[1]) == i)
     return (fit.torque(step) - fit.torque(-step)) / (2.0 * STEP)
 
@@ -312,16 +311,16 @@ def _masses(fit: FileFit) -> float:
     assert isinstance(fit.body, SupportsVariations)
     moments = fit.body.links(fit.states)[:, :, :, 1:4]
     each = [moments[:, :, b] for b in range(moments.shape[2])]
-    price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.own) / APART))
+    price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.joint_indices) / APART))
     tried = [*each, moments.reshape(*moments.shape[:2], -1)]
     return max(fit.score_with(columns) - price * float(columns.shape[2]) for columns in tried)
 
 
 def positions_odds(
-    rows: FilteredRows, own: Index, path: Channel, body: Mean, columns: Index, signs: Array
+    rows: FilteredRows, joints: Index, path: Channel, body: Mean, columns: Index, signs: Array
 ) -> float:
-    """Log odds that the positions of joints stand in other columns (k,) with other signs (k,), against the
-    same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
+    """Log odds that the positions, not the commands, have other columns (k,) and other signs (k,). One joint
+    alone cannot separate the two; the weights on other joints do.
     """
     back = np.argsort(columns)
     moved = rows.with_joints(back, signs[back])
@@ -329,14 +328,14 @@ def positions_odds(
     scores = []
     for tried in (moved, ordered):
         torque = body.predict(states_of(rows.t, path, tried.q, tried.qd, tried.qdd))
-        scores.append(FileFit(replace(tried, torque=torque), own, path, body).score(torque))
+        scores.append(FileFit(replace(tried, torque=torque), joints, path, body).score(torque))
     return scores[0] - scores[1]
 
 
 def is_computed(fit: FileFit) -> bool:
     """Whether commands follow one factor of the file's torque more closely than any measured ones."""
     assert fit.rows.torque is not None
-    y, F = fit.rows.command[:, fit.own, AS_LOGGED], fit.rows.torque[:, fit.own]
+    y, F = fit.rows.command[:, fit.joint_indices, AS_LOGGED], fit.rows.torque[:, fit.joint_indices]
     square = (F * F).sum(axis=0)
     factor = (y * F).sum(axis=0) / np.maximum(square, np.finfo(float).tiny)
     left = ((y - factor * F) ** 2).mean(axis=0) / (y**2).mean(axis=0)

@@ -24,56 +24,58 @@ MOST = 1000.0  # log odds that are written out
 def finding_of(
     decision: Decision, parts: Sequence[str], sources: Sequence[str], old: Sequence[Log] = ()
 ) -> Finding:
-    """What a decision that is not silent says.
+    """The finding of a decision that is not silent.
 
     Args:
         parts: names of the joints.
         sources: names of the logs that were judged, the oldest first.
-        old: those of them that were told before, so that nothing repairs them now.
+        old: those of them that were learned before; no repair changes them now.
     """
     where = _where(decision, sources)
     if decision.positions >= CERTAIN:
-        return _of_positions(decision, parts, where)
+        return _position_finding(decision, parts, where)
     if decision.check == SIGN:
-        found = _sign(decision, parts, where)
+        finding = _sign_finding(decision, parts, where)
     elif decision.check == SWAPPED:
-        found = _swapped(decision, parts, where)
+        finding = _order_finding(decision, parts, where)
     elif decision.check == DIRECTION:
-        found = _direction(decision, where)
+        finding = _direction_finding(decision, where)
     elif decision.check == DELAY:
-        return _delay(decision, where)
+        return _delay_finding(decision, where)
     else:
-        return _gravity(decision)
-    told = [_before(sources[i], old[i]) for i in decision.logs if i < len(old)]
-    return _of_told(found, told) if told and isinstance(found, Mendable) else found
+        return _gravity_finding(decision)
+    learned = [_log_description(sources[i], old[i]) for i in decision.logs if i < len(old)]
+    return _without_partial_repair(finding, learned) if learned and isinstance(finding, Mendable) else finding
 
 
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """What a silent decision says of delay, order and signs."""
+    """The findings of a silent decision on delay, order and signs."""
     if not decision.moving.any():
         fact = "Too little motion to tell whose a command is, its sign or its delay."
         return [Finding(COMMANDS, "cannot tell", fact)]
-    known = np.asarray(decision.told >= LIKELY)
-    unsure = named(parts, ~known)
-    if not known.any():
+    is_known = np.asarray(decision.sign_odds >= LIKELY)
+    unsure = named(parts, ~is_known)
+    if not is_known.any():
         fact = "Neither sign of any command explains the motion better."
         signs = Finding(
             SIGN, "cannot tell", fact, "A longer motion, or a model file with masses, tells more."
         )
     else:
-        rest = f" Of {unsure} it cannot be told." if unsure else ""
-        signs = Finding(SIGN, "green", f"The sign of the commands of {named(parts, known)} is right.{rest}")
+        remark = f" Of {unsure} it cannot be told." if unsure else ""
+        signs = Finding(
+            SIGN, "green", f"The sign of the commands of {named(parts, is_known)} is right.{remark}"
+        )
     step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
     delay = Finding(DELAY, "green", step)
     if decision.why == "late":
         fact = "Whether the commands are before or behind the motion cannot be told: a delay fits as well."
         delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
-    return [delay, *_order_stands(decision, parts), signs]
+    return [delay, *_order_findings(decision, parts), signs]
 
 
-def _order_stands(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """That no other order fits better; of joints whose signs are not told an exchange is not told either."""
-    silent = np.asarray(decision.moving & (np.abs(decision.told) < LIKELY))
+def _order_findings(decision: Decision, parts: Sequence[str]) -> list[Finding]:
+    """The finding on the order. Joints whose signs are unknown may also be exchanged."""
+    silent = np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY))
     if decision.moving.sum() < 2:
         return []
     if silent.sum() < 2:
@@ -110,7 +112,7 @@ def _sure(decision: Decision) -> str:
     return "" if decision.level == "certain" else "very probably "
 
 
-def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+def _sign_finding(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     turned = np.array(decision.by) < 0.0
     names = named(parts, turned)
     if decision.why == "weight":
@@ -123,21 +125,21 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
         fact += "signs are inverted, or their columns are exchanged."
     else:
         fact = f"The sign of the commands of {names} is {_sure(decision)}inverted{where} ({_odds(decision)})."
-    fact += _or_positions(decision, names)
+    fact += _position_note(decision, names)
     strange = np.asarray(decision.strange & decision.moving)
     if strange.any():
         fact += f" Neither sign explains the commands of {named(parts, strange)}."
     if not decision.clear:
         fact += f" {OTHERS[decision.why]}"
-        step = f"{_settled(decision, parts)}; {accepted(SIGN)}."
+        step = f"{_deciding_step(decision, parts)}; {accepted(SIGN)}."
         return Doubt(SIGN, "yellow", fact, step, SIGN, by=decision.by)
     step = both(SIGN, f"turn the sign of {names}{where}")
-    more = "" if decision.level == "certain" else f" {_settled(decision, parts)}."
+    more = "" if decision.level == "certain" else f" {_deciding_step(decision, parts)}."
     return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
 
 
-def _of_positions(decision: Decision, parts: Sequence[str], where: str) -> Finding:
-    """By the weights on the other joints, which the model file gives."""
+def _position_finding(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+    """The finding that positions are wrong, by the model file's weights on the other joints."""
     by = np.array(decision.by)
     wrong = np.asarray(by < 0.0 if decision.check == SIGN else by != np.arange(len(by)))
     what = "have the wrong sign" if decision.check == SIGN else "are exchanged"
@@ -153,8 +155,8 @@ def _of_positions(decision: Decision, parts: Sequence[str], where: str) -> Findi
     )
 
 
-def _or_positions(decision: Decision, names: str) -> str:
-    """That a fault of the positions looks the same, unless a model file tells."""
+def _position_note(decision: Decision, names: str) -> str:
+    """The note that an error of the positions looks the same, unless a model file decides."""
     if decision.positions <= -CERTAIN:
         return ""
     return f" A fault of the positions of {names} would look the same."
@@ -169,14 +171,14 @@ OTHERS = {
 """Why a sign is not repaired, by `Decision.why`."""
 
 
-def _settled(decision: Decision, parts: Sequence[str]) -> str:
-    """What would settle it; a model file with masses only where none was there."""
+def _deciding_step(decision: Decision, parts: Sequence[str]) -> str:
+    """The next step that decides; a model file is named only where none was used."""
     if decision.why == "time":
         other = "" if decision.positions else ", or a model file with masses,"
         return f"A log with velocities{other} settles it"
     if decision.why == "weight":
         return "Check the signs at the robot, and masses and mounting in the model file"
-    unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
+    unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY)))
     motion = f" log with more reversals of {unsure}" if unsure else " longer motion"
     return (
         f"A{motion} tells more"
@@ -185,7 +187,7 @@ def _settled(decision: Decision, parts: Sequence[str]) -> str:
     )
 
 
-def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+def _order_finding(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     order = [int(j) for j in decision.by]
     moved = np.asarray([j != i for i, j in enumerate(order)])
     if decision.level != "certain":
@@ -193,8 +195,8 @@ def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
             SWAPPED,
             "yellow",
             f"The commands of {named(parts, moved)} fit these joints better in another order{where} "
-            f"({_odds(decision)}), which is not certain.{_or_positions(decision, named(parts, moved))}",
-            f"Check the order of the columns. {_settled(decision, parts)}; {accepted(SWAPPED)}.",
+            f"({_odds(decision)}), which is not certain.{_position_note(decision, named(parts, moved))}",
+            f"Check the order of the columns. {_deciding_step(decision, parts)}; {accepted(SWAPPED)}.",
             flag=SWAPPED,
             by=decision.by,
         )
@@ -203,14 +205,14 @@ def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
         SWAPPED,
         _light(decision),
         f"The commands of {named(parts, moved)} are swapped{where}: {pairs} ({_odds(decision)})."
-        f"{_or_positions(decision, named(parts, moved))}",
+        f"{_position_note(decision, named(parts, moved))}",
         both(SWAPPED, "put them into this order"),
         flag=SWAPPED,
         by=decision.by,
     )
 
 
-def _direction(decision: Decision, where: str) -> Finding:
+def _direction_finding(decision: Decision, where: str) -> Finding:
     fact = (
         f"The rows {_sure(decision)}run backwards in time{where}: inertia is positive and friction "
         f"negative in the commands of all joints ({_odds(decision)})."
@@ -222,10 +224,10 @@ def _direction(decision: Decision, where: str) -> Finding:
     return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
 
 
-def _delay(decision: Decision, where: str) -> Finding:
+def _delay_finding(decision: Decision, where: str) -> Finding:
     late = decision.by[0]
-    way = "behind" if late > 0.0 else "ahead of"
-    fact = f"The commands are {1e3 * abs(late):.0f} ms {way} the motion{where} ({_odds(decision)})."
+    direction = "behind" if late > 0.0 else "ahead of"
+    fact = f"The commands are {1e3 * abs(late):.0f} ms {direction} the motion{where} ({_odds(decision)})."
     if decision.level == "note":
         step = "They are shifted by that when the log is told."
         return Mendable(DELAY, "yellow", fact, step, by=decision.by)
@@ -233,7 +235,7 @@ def _delay(decision: Decision, where: str) -> Finding:
     return Mendable(DELAY, "yellow", fact, step, flag=DELAY, by=decision.by)
 
 
-def _gravity(decision: Decision) -> Finding:
+def _gravity_finding(decision: Decision) -> Finding:
     part, deviation = decision.by
     return Finding(
         GRAVITY,
@@ -245,17 +247,17 @@ def _gravity(decision: Decision) -> Finding:
     )
 
 
-def _before(source: str, log: Log) -> str:
+def _log_description(source: str, log: Log) -> str:
     """As "log 1" or "log 2 (the sign of the commands of elbow was turned, as asked)"."""
-    asked = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
-    repaired = [one for one in asked if "taken as it is" not in one.lower()]
+    requested = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
+    repaired = [one for one in requested if "taken as it is" not in one.lower()]
     return f"{source} ({'; '.join(repaired)})" if repaired else source
 
 
-def _of_told(found: Finding, told: Sequence[str]) -> Finding:
-    """The same of logs that were told before: nothing is repaired in part."""
+def _without_partial_repair(finding: Finding, learned: Sequence[str]) -> Finding:
+    """The finding on logs that were learned before: Étude repairs all of them or none."""
     step = (
-        f"These logs were learned before: {', '.join(told)}. Exclude them (etude untell FOLDER NUMBER), and "
-        f"tell all logs together with --repair {found.check}; {accepted(found.check)}."
+        f"These logs were learned before: {', '.join(learned)}. Exclude them (etude untell FOLDER NUMBER), "
+        f"and tell all logs together with --repair {finding.check}; {accepted(finding.check)}."
     )
-    return replace(found, step=step)
+    return replace(finding, step=step)

@@ -1,4 +1,4 @@
-"""A decision on logs that were judged together, and the evidence of their moving joints behind it."""
+"""A decision on several logs together, and the evidence of their moving joints."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ MOST_GROUPS = 12  # logs that may differ from the others, of the newest
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What is believed of logs that were judged together; k joints.
+    """The result of the checks on several logs together; k joints.
 
     Attributes:
-        level: certain: refused unless put right; ask: a question; note: put right and said; silent.
-        check: what it is about; "" of a silent one.
+        level: certain: refused unless repaired; ask: a question; note: repaired with a note; silent.
+        check: its name; "" of a silent one.
         logs: which of the logs it is about; orders, directions and weights are judged of new ones.
         by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
         odds: log odds against the logs as they are. ahead: against the next best decision.
-        told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
-        moving, strange: (k,) joints that have a say, and those that no sign explains.
-        why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
+        sign_odds: (k,) log odds of the right sign to the inverted one, of the commands as they are.
+        moving, strange: (k,) joints that count, and those that no sign explains.
+        why: what decides a sign, or explains the data equally well: "weight" of the model file, "time" that
             runs backwards, another "order". "late" of a silent one whose commands may be late.
         positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
             no model file tells.
     """
 
     level: Level
-    told: Array
+    sign_odds: Array
     moving: Mask
     strange: Mask
     check: str = ""
@@ -51,30 +51,30 @@ class Decision:
 
     @property
     def clear(self) -> bool:
-        """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
+        """Whether it is far ahead of every other decision; otherwise nothing is repaired."""
         return self.ahead >= CLEAR
 
 
 @dataclass(frozen=True, eq=False)
 class JointEvidence:
-    """The evidence of moving joints `own` (m,), computed where it is asked for.
+    """The evidence of moving joints `joint_indices` (m,), computed on demand.
 
     Attributes:
-        orders: whether other orders of the columns are looked at.
+        orders: whether other orders of the columns are evaluated.
     """
 
     rows: FilteredRows
-    own: Index
+    joint_indices: Index
     motion: WhitenedMotion
     orders: bool = True
 
     @classmethod
     def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
-        """None of rows that are too few, or where nothing moves."""
+        """None if the rows are too few, or nothing moves."""
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
-        own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion.of(rows, own))
+        joints = np.flatnonzero(rows.moving)
+        return cls(rows, joints, WhitenedMotion.of(rows, joints))
 
     def with_command(self, command: Array) -> JointEvidence:
         """The same motion with other commands (n, k, d) on it."""
@@ -82,13 +82,15 @@ class JointEvidence:
 
     @cached_property
     def without_turns(self) -> JointEvidence:
-        """Of the delays alone, in rows where nothing that friction does in a turn has a say."""
+        """The evidence of the delays alone, in the rows without reversals, where stiction plays no part."""
         rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
-        return JointEvidence(rows, self.own, WhitenedMotion.of_clock(rows, self.own), orders=False)
+        return JointEvidence(
+            rows, self.joint_indices, WhitenedMotion.of_clock(rows, self.joint_indices), orders=False
+        )
 
     @cached_property
     def _evidence(self) -> ColumnEvidence:
-        (m,), d = self.own.shape, self.rows.command.shape[2]
+        (m,), d = self.joint_indices.shape, self.rows.command.shape[2]
         count, every = m if self.orders else 0, np.arange(m)
         joints = np.concatenate([np.repeat(every, d), np.repeat(every, count)])
         columns = np.concatenate([np.repeat(every, d), np.tile(every, count)])
@@ -98,25 +100,26 @@ class JointEvidence:
     @property
     def columns(self) -> ColumnEvidence:
         """(m d) of joints with their own columns, in all variants."""
-        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
+        return self._evidence.take(slice(0, len(self.joint_indices) * self.rows.command.shape[2]))
 
     @property
     def crossed(self) -> ColumnEvidence:
         """(m m) of joints with all columns, as they were logged."""
-        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
+        return self._evidence.take(slice(len(self.joint_indices) * self.rows.command.shape[2], None))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
-        return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
+        return self.columns.take(np.arange(len(self.joint_indices)) * self.rows.command.shape[2] + number)
 
     def over(self, values: Array | Mask, fill: float) -> Array:
         """(k,) of all joints, from those of the moving ones (m,)."""
-        found = np.full(len(self.rows.parts), fill, dtype=values.dtype)
-        found[self.own] = values
-        return np.asarray(found)
+        filled = np.full(len(self.rows.parts), fill, dtype=values.dtype)
+        filled[self.joint_indices] = values
+        return np.asarray(filled)
 
     def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
-        """variant: of the commands, in which strange joints are looked for."""
+        """variant: of the commands, in which strange joints are searched."""
         right, inverted = self.variant(AS_LOGGED).signs()
-        told, strange = self.over(right - inverted, 0.0), self.over(self.variant(variant).strange(), False)
-        return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
+        sign_odds = self.over(right - inverted, 0.0)
+        strange = self.over(self.variant(variant).strange(), False)
+        return Decision(level, sign_odds, self.rows.moving, strange, **more)  # type: ignore[arg-type]

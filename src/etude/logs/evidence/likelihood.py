@@ -51,7 +51,7 @@ class Point(NamedTuple):
 
 LENGTHS, SPEEDS = (0.7, 2.0, 0.0), (0.1, 2.0)  # of `Point`
 CLASSES = tuple(itertools.product(LENGTHS, SPEEDS))
-"""Of processes: an evidence is that of the class that says least."""
+"""Of processes: the evidence is that of the least favourable class."""
 SIZES, ROUGH = (0.5, 2.0, 10.0), 0.02  # of `Point`
 DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))  # and memories
 RIPPLES, RIPPLE = (0.05, 0.15), 2.0  # of gears, motors and what they rub on; and its size
@@ -79,7 +79,7 @@ FEW = tuple(
 """Enough to compare models of some rows with one model of all; a right log is no odder than a tenth."""
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
-SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
+SMALL_TRAVEL = 0.3  # rad: a joint with less travel is no angle to the springs' kernel
 INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
 GRADUAL = tuple(range(TORQUE + 1, TORQUE + 1 + len(DISTANCES) + len(WIDTHS)))
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
@@ -91,13 +91,13 @@ CLOCK_TERMS = TERMS + tuple(
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
-FAR = 40.0  # nats below the best point: no say
-REACH = 25.0  # nats below the best class within which a class has a say
+FAR = 40.0  # nats below the best point: excluded
+REACH = 25.0  # nats below the best class within which a class counts
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnEvidence:
-    """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: no say.
+    """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: excluded.
 
     Attributes:
         right, inverted: of non-negative coefficients, and of an inverted command.
@@ -122,12 +122,12 @@ class ColumnEvidence:
         return np.asarray(log_sum(parts, axis=0))
 
     def strange(self) -> Mask:
-        """(p,) where neither sign explains the column, which then has no say."""
+        """(p,) where neither sign explains the column, which then counts for neither."""
         best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         return np.asarray(NEITHER + log_sum(self.free, axis=1) > best)
 
     def signs(self) -> tuple[Array, Array]:
-        """(p,) each: the evidence of right and of inverted, apart by what the least favourable class says."""
+        """(p,) each: evidence of the right and the inverted sign, by the least favourable class."""
         strange = self.strange()
         best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         level = np.where(strange, NEITHER + log_sum(self.free, axis=1), best)
@@ -141,7 +141,7 @@ class ColumnEvidence:
 
 def least(one: Array, other: Array) -> Array:
     """(p,) the log odds of one to the other (p, c) that are least in magnitude, among the classes in which
-    either is within REACH of the best; 0 where these differ in sign. What has no say is FAR below its best.
+    either is within REACH of the best; 0 where these differ in sign. Excluded classes are FAR below the best.
     """
     size = np.maximum(one, other)
     near = size > size.max(axis=1, keepdims=True) - REACH
@@ -156,7 +156,7 @@ def _filled(values: Array) -> Array:
 
 
 class _Whitened(NamedTuple):
-    """What is kept of a point: it is small. The factor (n, n) of the covariance is made again.
+    """The small stored results of a grid point. The factor (n, n) of the covariance is recomputed.
 
     Attributes:
         X: (n, k r) regressors through the factor's inverse.
@@ -173,7 +173,7 @@ class _Whitened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WhitenedMotion:
-    """What explains any commands on n rows: k joints `own`, r regressors of each, at the points of a grid.
+    """Whitened regressors of n rows: k joints, r regressors of each, at the points of a grid.
 
     Attributes:
         odd: (n,) rows that share no model with the others, but for the size of their noise; None: all do.
@@ -182,30 +182,30 @@ class WhitenedMotion:
     """
 
     rows: FilteredRows
-    own: Index
+    joint_indices: Index
     grid: tuple[Point, ...]
     odd: Mask | None = None
     covariance: Callable[[Point], Array] | None = None
     terms: tuple[tuple[int, ...], ...] = TERMS
-    known: list[_Whitened] = field(default_factory=list)
+    whitened: list[_Whitened] = field(default_factory=list)
 
     @classmethod
-    def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
+    def of(cls, rows: FilteredRows, joints: Index) -> WhitenedMotion:
         """At as many points as there are sizes and memories."""
-        return cls(rows, own, GRID + (NEAR_FILE if rows.torque is not None else ()), terms=TERMS)
+        return cls(rows, joints, GRID + (NEAR_FILE if rows.torque is not None else ()), terms=TERMS)
 
     @classmethod
-    def of_clock(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
+    def of_clock(cls, rows: FilteredRows, joints: Index) -> WhitenedMotion:
         """At the points that delays take."""
-        return cls(rows, own, CLOCK + (NEAR_FILE if rows.torque is not None else ()), terms=CLOCK_TERMS)
+        return cls(rows, joints, CLOCK + (NEAR_FILE if rows.torque is not None else ()), terms=CLOCK_TERMS)
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
-        """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
+        """For each point, the lower Cholesky factor of the covariance, common to all joints and columns."""
         for i, point in enumerate(self.grid):
             L, _ = dpotrf(self._covariance(point), lower=1, clean=0, overwrite_a=1)
-            if i == len(self.known):
-                self.known.append(self._at(L))
-            yield L, self.known[i]
+            if i == len(self.whitened):
+                self.whitened.append(self._at(L))
+            yield L, self.whitened[i]
 
     @cached_property
     def _covariance(self) -> Callable[[Point], Array]:
@@ -219,7 +219,8 @@ class WhitenedMotion:
     def _right(self) -> tuple[Array, list[tuple[int, slice]]]:
         """(n, k r + m) regressors and stands, and where those of each joint that stands are."""
         last = max(TORQUE, *(i for indices in self.terms for i in indices))
-        stands, X = [self.rows.stands[j] for j in self.own], regressors(self.rows, self.own, last)
+        stands = [self.rows.stands[j] for j in self.joint_indices]
+        X = regressors(self.rows, self.joint_indices, last)
         if self.odd is not None:
             X = np.concatenate([X * self.odd[:, None, None], X * ~self.odd[:, None, None]], axis=2)
         flat = X.reshape(len(X), -1)
@@ -229,12 +230,12 @@ class WhitenedMotion:
 
     def _at(self, L: Array) -> _Whitened:
         right, which = self._right
-        R, k = dtrsm(1.0, L, right, lower=1), len(self.own)
+        R, k = dtrsm(1.0, L, right, lower=1), len(self.joint_indices)
         r = (which[0][1].start if which else R.shape[1]) // k
         X = R[:, : k * r].copy()
         products = (X.T @ X).reshape(k, r, k, r)[range(k), :, range(k)]
         half = np.full(k, np.log(np.diag(L)).sum())
-        stands = {j: _stands(R[:, own], X[:, j * r : (j + 1) * r]) for j, own in which}
+        stands = {j: _stands(R[:, columns], X[:, j * r : (j + 1) * r]) for j, columns in which}
         for j, (M, U) in stands.items():
             half[j] += np.log(np.diag(M)).sum()
             products[j] -= U.T @ U
@@ -244,16 +245,15 @@ class WhitenedMotion:
         """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
 
         Args:
-            command: (n, J, d) as that of the rows, of which the joints `own` are looked at; pairs count as
-                indices into these.
+            command: (n, J, d) as that of the rows. joints, columns: (p,) indices into `joint_indices`.
         """
         terms, torque = self.terms, self.rows.torque
         if torque is not None:
             terms += tuple((TORQUE, *indices) for indices in terms)
         target = columns * command.shape[2] + variants
-        square, across = self._products(_columns(command[:, self.own]), joints, target)
-        idle = np.zeros(len(self.own), dtype=np.bool_)
-        idle |= False if torque is None else torque[:, self.own].std(axis=0) == 0.0
+        square, across = self._products(_columns(command[:, self.joint_indices]), joints, target)
+        idle = np.zeros(len(self.joint_indices), dtype=np.bool_)
+        idle |= False if torque is None else torque[:, self.joint_indices].std(axis=0) == 0.0
         fits = []
         prior = -np.log(len(self.terms))
         for indices in terms:
@@ -268,19 +268,19 @@ class WhitenedMotion:
         Args:
             command: (n, J, d) as that of the rows.
         """
-        joints = np.repeat(np.arange(len(self.own)), len(variants))
-        target = joints * command.shape[2] + np.tile(variants, len(self.own))
-        square, across = self._products(_columns(command[:, self.own]), joints, target)
-        copies, found = 1 if self.odd is None else 2, []
+        joints = np.repeat(np.arange(len(self.joint_indices)), len(variants))
+        target = joints * command.shape[2] + np.tile(variants, len(self.joint_indices))
+        square, across = self._products(_columns(command[:, self.joint_indices]), joints, target)
+        copies, evidences = 1 if self.odd is None else 2, []
         for indices in self.terms:
             each = [i + across.shape[2] // copies * copy for copy in range(copies) for i in indices]
-            found.append(self._fitted(square, across, tuple(each), joints).evidence)
-        return np.asarray(log_sum(np.concatenate(found), axis=0)).reshape(-1, len(variants))
+            evidences.append(self._fitted(square, across, tuple(each), joints).evidence)
+        return np.asarray(log_sum(np.concatenate(evidences), axis=0)).reshape(-1, len(variants))
 
     def _products(self, Y: Array, joints: Index, target: Index) -> tuple[Array, Array]:
         """Of each pair's column, whitened: (h, p) with itself, (h, p, r) with the joint's regressors."""
         used, target = np.unique(target, return_inverse=True)
-        pairs = [np.flatnonzero(joints == j) for j in range(len(self.own))]
+        pairs = [np.flatnonzero(joints == j) for j in range(len(self.joint_indices))]
         Y, square, across = np.asfortranarray(Y[:, used]), [], []
         for L, (X, stands, products, _) in self._points():
             R = dtrsm(1.0, L, Y, lower=1)
@@ -288,10 +288,11 @@ class WhitenedMotion:
             product = (X.T @ R).reshape(*products.shape[:2], -1)[joints, :, target]
             back = dtrsm(1.0, L, R, lower=1, trans_a=1) if stands else R
             for j, (M, U) in stands.items():
-                own = pairs[j]
-                V = dtrsm(1.0, M, self.rows.stands[self.own[j]].T @ back[:, target[own]], lower=1)
-                size[own] -= (V**2).sum(axis=0)
-                product[own] -= V.T @ U
+                members = pairs[j]
+                S = self.rows.stands[self.joint_indices[j]]
+                V = dtrsm(1.0, M, S.T @ back[:, target[members]], lower=1)
+                size[members] -= (V**2).sum(axis=0)
+                product[members] -= V.T @ U
             square.append(size)
             across.append(product)
         return np.array(square), np.array(across)
@@ -299,10 +300,10 @@ class WhitenedMotion:
     def _fitted(self, square: Array, across: Array, indices: tuple[int, ...], joints: Index) -> _Fit:
         """Ridge regression of each pair's column on some regressors of its joint, at every point."""
         chosen, n = np.array(indices), len(self.rows.t)
-        A = np.array([one.products for one in self.known])[:, :, chosen[:, None], chosen] + np.eye(
+        A = np.array([one.products for one in self.whitened])[:, :, chosen[:, None], chosen] + np.eye(
             len(chosen)
         )
-        log_det = np.linalg.slogdet(A)[1] * 0.5 + np.array([one.log_det for one in self.known])
+        log_det = np.linalg.slogdet(A)[1] * 0.5 + np.array([one.log_det for one in self.whitened])
         inverse = np.linalg.inv(A)
         product = across[:, :, chosen]
         mean = np.einsum("hpij,hpj->hpi", inverse[:, joints], product)
@@ -342,17 +343,17 @@ def _columns(command: Array) -> Array:
     return np.asarray(Y.reshape(len(command), -1))
 
 
-def regressors(rows: FilteredRows, own: Index, last: int = TORQUE) -> Array:
+def regressors(rows: FilteredRows, joints: Index, last: int = TORQUE) -> Array:
     """(n, k, last + 1) of each joint, of unit deviation: INERTIA, VISCOUS, COULOMB, DROP, TORQUE (0 without a
     file) and GRADUAL.
     """
     torque = np.zeros_like(rows.q) if rows.torque is None else rows.torque
     parts = [rows.qdd, rows.qd, rows.friction, rows.drop, torque, *np.moveaxis(rows.gradual, 2, 0)]
-    return np.stack([unit(part[:, own]) for part in parts[: last + 1]], axis=2)
+    return np.stack([unit(part[:, joints]) for part in parts[: last + 1]], axis=2)
 
 
 def covariances(rows: FilteredRows) -> Callable[[Point], Array]:
-    """The covariance (n, n) of a point; what points share is computed once, where it is asked for."""
+    """The covariance (n, n) of a point; parts common to several points are computed once, on demand."""
     qd, qdd = unit(rows.qd), unit(rows.qdd)
     joints = rows.q.shape[1]
     fast = (qdd @ qdd.T + (qd @ qd.T) ** 2 / joints) / joints
@@ -375,11 +376,11 @@ def covariances(rows: FilteredRows) -> Callable[[Point], Array]:
 
 
 def _place(rows: FilteredRows, length: float) -> Array:
-    """(n, n) likeness of two places: of a chain's weights, or of springs of that length."""
+    """(n, n) kernel of two configurations: of a chain's weights, or of springs of that length."""
     chain, square = np.ones((len(rows.q), len(rows.q))), np.zeros((len(rows.q), len(rows.q)))
     for q, kind in zip(rows.q.T, rows.units, strict=True):
         apart = np.subtract.outer(q, q)
-        if length and (kind != "rad" or np.ptp(q) <= SMALL_WAY):
+        if length and (kind != "rad" or np.ptp(q) <= SMALL_TRAVEL):
             square += apart**2
         elif length:
             square += 2.0 - 2.0 * np.cos(apart)
@@ -391,7 +392,7 @@ def _place(rows: FilteredRows, length: float) -> Array:
 
 
 def _ripple(rows: FilteredRows, length: float) -> Array:
-    """(n, n) likeness of two places to a sum of functions of one joint each."""
+    """(n, n) kernel of two configurations for a sum of functions of one joint each."""
     each = (np.exp(-0.5 * (np.subtract.outer(q, q) / length) ** 2) for q in rows.q.T)
     return np.asarray(sum(each) / rows.q.shape[1])
 
@@ -404,7 +405,7 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
     classes = [np.flatnonzero([(point.length, point.speeds) == one for point in grid]) for one in CLASSES]
     values, cases = [], []
     for fit, indices in fits:
-        h = np.stack([own[np.argsort(-fit.evidence[own], axis=0)[:BEST]] for own in classes], axis=1)
+        h = np.stack([points[np.argsort(-fit.evidence[points], axis=0)[:BEST]] for points in classes], axis=1)
         value = np.take_along_axis(fit.evidence[:, None], h, axis=0)
         values.append(np.where(value > top - FAR, value, -np.inf))
         cases.append(_turned(fit, indices, h, np.isfinite(values[-1])))
@@ -416,12 +417,12 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
     return ColumnEvidence(right.T, inverted.T, back.T, opposed.T, free.T)
 
 
-def _turned(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> tuple[Array, Array]:
+def _turned(fit: _Fit, indices: tuple[int, ...], h: Index, mask: Mask) -> tuple[Array, Array]:
     """Mean (N, m) and covariance (N, m, m) of coefficients that are positive if they are right, inverted,
-    reversed or opposed, one quarter after the other; each of the points h (b, c, p) where `told`.
+    reversed or opposed, one quarter after the other; of each point h (b, c, p) in `mask`.
     """
-    pairs, m = np.broadcast_to(np.arange(h.shape[-1]), h.shape)[told], len(indices)
-    mean, covariance = fit.mean[h[told], pairs], fit.covariance[h[told], pairs]
+    pairs, m = np.broadcast_to(np.arange(h.shape[-1]), h.shape)[mask], len(indices)
+    mean, covariance = fit.mean[h[mask], pairs], fit.covariance[h[mask], pairs]
     friction, others = np.array([(1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0)])
     signs = np.where(np.isin(indices, FRICTION), friction[:, None], others[:, None])[:, None]
     turned = signs[..., None] * signs[:, :, None] * covariance
@@ -430,14 +431,15 @@ def _turned(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> tuple[
 
 def log_orthants(cases: Sequence[tuple[Array, Array]]) -> list[Array]:
     """`log_orthant` of each mean and covariance; those of one size at once, as many are short."""
-    sizes, found = [mean.shape[1] for mean, _ in cases], [np.zeros(0) for _ in cases]
+    sizes, log_probabilities = [mean.shape[1] for mean, _ in cases], [np.zeros(0) for _ in cases]
     for size in set(sizes):
-        own = [i for i, one in enumerate(sizes) if one == size]
-        values = log_orthant(*(np.concatenate(parts) for parts in zip(*(cases[i] for i in own), strict=True)))
-        ends = np.cumsum([len(cases[i][0]) for i in own])[:-1]
-        for i, part in zip(own, np.split(values, ends), strict=True):
-            found[i] = part
-    return found
+        members = [i for i, one in enumerate(sizes) if one == size]
+        means, covariances_ = zip(*(cases[i] for i in members), strict=True)
+        values = log_orthant(np.concatenate(means), np.concatenate(covariances_))
+        ends = np.cumsum([len(cases[i][0]) for i in members])[:-1]
+        for i, part in zip(members, np.split(values, ends), strict=True):
+            log_probabilities[i] = part
+    return log_probabilities
 
 
 SWEEPS, SETTLED = 8, 1e-4

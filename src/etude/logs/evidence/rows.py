@@ -82,7 +82,7 @@ class FilteredRows:
 
     @property
     def moving(self) -> Mask:
-        """(k,) joints that go far enough to have a say."""
+        """(k,) joints that move far enough to count."""
         return goes_far(self.q)
 
     def take(self, which: Index) -> FilteredRows:
@@ -90,8 +90,8 @@ class FilteredRows:
         names = ("t", "log", "q", "qd", "qdd", "friction", "gradual", "drop", "turning", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
-            known = getattr(self, name)
-            some[name] = None if known is None else known[which]
+            column = getattr(self, name)
+            some[name] = None if column is None else column[which]
         return replace(self, stands=tuple(one[which] for one in self.stands), **some)
 
     def with_joints(self, order: Index, signs: Array) -> FilteredRows:
@@ -103,10 +103,10 @@ class FilteredRows:
         return replace(self, gradual=gradual, stands=stands, turning=turning, **moved)
 
     def without_turns(self) -> FilteredRows:
-        """The same where any command may hold a joint that turns round: its friction says nothing there, nor
-        beside it, as far as the filter of the commands carries it.
+        """The rows with a free command around each reversal, within the reach of the commands' filter:
+        friction there is no evidence.
         """
-        each = _passed(np.subtract.outer(self.t, self.t), self.cutoff)
+        each = _impulse_response(np.subtract.outer(self.t, self.t), self.cutoff)
         return replace(self, stands=tuple(each[:, slow] for slow in self.turning.T))
 
 
@@ -117,10 +117,10 @@ def rows_of(
     groups: Sequence[tuple[int, ...]] = (),
     late: Sequence[int] | None = None,
 ) -> FilteredRows | None:
-    """The rows of logs that hold positions `path` and the commands on them; None of too short ones.
+    """The rows of logs with positions `path` and the commands on them; None if all are too short.
 
     Args:
-        body: what a model file says of the commands by itself.
+        body: the model file's prediction of the commands.
         groups: logs whose commands are negated together, one variant each.
         late: logs whose commands are delayed; None: all.
     """
@@ -129,9 +129,9 @@ def rows_of(
         return None
     rate, apart = _spacing(pieces)
     both = [_filtered(log, path, body, rate, apart) for _, log in pieces]
-    found, stands = [rows for rows, _ in both], [still for _, still in both]
-    which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
-    whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+    tables, stands = [rows for rows, _ in both], [still for _, still in both]
+    which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, tables, strict=True)])
+    whole = {name: np.concatenate([one[name] for one in tables]) for name in tables[0]}
     return FilteredRows(
         t=whole["t"] + APART_S * which,
         log=which,
@@ -141,7 +141,7 @@ def rows_of(
         friction=whole["friction"],
         gradual=whole["gradual"].reshape(len(which), len(path.parts), -1),
         drop=whole["drop"],
-        stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
+        stands=tuple(block_diag(*blocks) for blocks in zip(*stands, strict=True)),
         turning=whole["turning"] > 0.0,
         command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
@@ -159,33 +159,33 @@ def commands_of(
     """(n, k, d) the commands of the rows of these logs; arguments as in `rows_of`."""
     pieces = _pieces(logs)
     rate, _ = _spacing(pieces)
-    found, which = [], []
+    commands, which = [], []
     for i, log in pieces:
         delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
-        found.append(_commands(log, path, rate, delays))
-        which.append(np.full(len(found[-1]), i))
-    return _with_groups(np.concatenate(found), np.concatenate(which), groups)
+        commands.append(_commands(log, path, rate, delays))
+        which.append(np.full(len(commands[-1]), i))
+    return _with_groups(np.concatenate(commands), np.concatenate(which), groups)
 
 
 def _pieces(logs: Sequence[Log]) -> list[tuple[int, Log]]:
     """Stretches without pauses, and the index of their log."""
-    seen = [looked_at(log) for log in logs]
+    excerpts = [looked_at(log) for log in logs]
     return [
         (i, log.take(piece))
-        for i, log in enumerate(seen)
+        for i, log in enumerate(excerpts)
         for piece in segments(log.t)
         if np.ptp(log.t[piece]) >= LEAST_S
     ]
 
 
 def _spacing(pieces: Sequence[tuple[int, Log]]) -> tuple[float, float]:
-    """Rows a second, and s between the knots of what stands."""
+    """Rows a second, and s between the knots of the static friction."""
     seconds = sum(float(np.ptp(log.t)) for _, log in pieces)
     return min(MOST_RATE, MOST_ROWS / seconds), max(KNOT_S, seconds / MOST_KNOTS)
 
 
 def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]) -> Array:
-    """(n, k, d) with one variant more for each group, whose commands are negated."""
+    """(n, k, d) with one additional variant for each group, whose commands are negated."""
     turned = [
         np.where(np.isin(which, group)[:, None], -1.0, 1.0) * command[..., AS_LOGGED] for group in groups
     ]
@@ -204,8 +204,8 @@ def _cutoff(rate: float) -> float:
     return min(COMMAND_HZ, 0.35 * max(rate, 2.0))
 
 
-def _passed(apart: Array, cutoff: float) -> Array:
-    """What the filter of the commands leaves of a moment, so many s beside it; 1 at the moment itself."""
+def _impulse_response(apart: Array, cutoff: float) -> Array:
+    """Impulse response of the commands' filter at `apart` s; 1 at 0."""
     t = np.linspace(-8.0, 8.0, 1601) / cutoff  # beyond, less than 1e-6 is left
     response = smooth(t, (t == 0.0).astype(np.float64)[:, None], cutoff, ORDER).value[:, 0]
     return np.asarray(np.interp(np.abs(apart), t, response / response.max(), right=0.0))
@@ -215,18 +215,18 @@ def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> 
     """(n, k, d) the rows' commands in one stretch, at each of the delays."""
     grid, thin = _grid(log)
     command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on == path.name)
-    asked = smooth(grid, resample(log.t, log[command.name], grid), _cutoff(rate), ORDER).value
+    smoothed = smooth(grid, resample(log.t, log[command.name], grid), _cutoff(rate), ORDER).value
     t = grid[thin]
-    t = t[_kept(t, rate)]
-    each = {delay: resample(grid, asked, t + delay) for delay in set(delays)}
+    t = t[_thinned_rows(t, rate)]
+    each = {delay: resample(grid, smoothed, t + delay) for delay in set(delays)}
     return np.stack([each[delay] for delay in delays], axis=2)
 
 
 def _filtered(
     log: Log, path: Channel, body: Mean | None, rate: float, apart: float
 ) -> tuple[dict[str, Array], list[Array]]:
-    """Motion and regressors of one stretch by name, `rate` a second, without the ends of the filter; and of
-    `stands`.
+    """Motion and regressors of one stretch by name, `rate` a second, without the filter's edges; and the
+    columns `stands`.
     """
     grid, thin = _grid(log)
     cutoff = _cutoff(rate)
@@ -239,7 +239,7 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     slides = np.array([unit != "rad" for unit in path.units])
-    gradual = _turned_round(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
+    gradual = _presliding(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
     soft = np.stack([np.tanh(qd / (part * top)) for part in WIDTHS], axis=2)
     gradual = np.concatenate([gradual, soft], axis=2) - (FALL * qd / top)[:, :, None]
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
@@ -247,51 +247,51 @@ def _filtered(
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
-    keep = _kept(t, rate)
+    keep = _thinned_rows(t, rate)
     rows = {name: smooth(t, values, cutoff, ORDER).value[keep] for name, values in parts.items()}
     rows |= {
         "t": t[keep],
         "q": q[keep],
         "turning": (np.abs(qd) < TURN_SPEED * top)[keep].astype(np.float64),
     }
-    hats = (_hats(t, own, apart) for own in still.T)
-    return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
+    hats = (_hats(t, column, apart) for column in still.T)
+    return rows, [smooth(t, hat, cutoff, ORDER).value[keep] if hat.size else hat[keep] for hat in hats]
 
 
-def _turned_round(q: Array, distances: Array) -> Array:
-    """(n, k, e) the sign of the motion of positions (n, k), approached over each of `distances` (k, e)."""
+def _presliding(q: Array, distances: Array) -> Array:
+    """(n, k, e) direction of motion of positions (n, k), approached over each of `distances` (k, e)."""
     steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
-    kept = np.exp(-np.abs(steps) / distances)
-    found, value = np.sign(steps) * (1.0 - kept), np.zeros(distances.shape)
+    decay = np.exp(-np.abs(steps) / distances)
+    direction, value = np.sign(steps) * (1.0 - decay), np.zeros(distances.shape)
     for i in range(len(q)):
-        value = found[i] = found[i] + kept[i] * value
-    return np.asarray(found)
+        value = direction[i] = direction[i] + decay[i] * value
+    return np.asarray(direction)
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:
-    """(n, k) where joints stay below the speeds `slow` (k,)."""
+    """(n, k) where joints stay below the speeds `slow` (k,) for STAND_S."""
     width = max(1, round(STAND_S * (len(t) - 1) / float(t[-1] - t[0])))
     beside = np.pad(qd, ((width // 2 + 1, width - 1 - width // 2), (0, 0)), "symmetric")
     total = np.cumsum(beside, axis=0)
-    found = np.asarray(np.abs(total[width:] - total[:-width]) < width * slow)
-    for column in found.T:
+    still = np.asarray(np.abs(total[width:] - total[:-width]) < width * slow)
+    for column in still.T:
         for a, b in runs(column):
             column[a:b] = b - a >= width
-    return found
+    return still
 
 
 def _hats(t: Array, still: Mask, apart: float) -> Array:
     """(n, m) hat functions over each stand, with knots `apart` s from each other, or less."""
-    found = [np.zeros((len(t), 0))]
+    columns = [np.zeros((len(t), 0))]
     for a, b in runs(still):
         knots = np.linspace(t[a], t[b - 1], 2 + int((t[b - 1] - t[a]) / apart))
         hats = np.zeros((len(t), len(knots)))
         hats[a:b] = np.column_stack([np.interp(t[a:b], knots, one) for one in np.eye(len(knots))])
-        found.append(hats)
-    return np.hstack(found)
+        columns.append(hats)
+    return np.hstack(columns)
 
 
-def _kept(t: Array, rate: float) -> slice:
+def _thinned_rows(t: Array, rate: float) -> slice:
     step = float(t[-1] - t[0]) / (len(t) - 1)
     edge = int(EDGE_S / step)
     return slice(edge, len(t) - max(1, edge), max(1, round(1.0 / (rate * step))))

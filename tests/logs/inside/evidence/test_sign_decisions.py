@@ -56,7 +56,7 @@ def test_right_logs_are_not_asked_about(seed: int) -> None:
     for logs in ((log,), (log.without("qd"),), (log, other)):
         found = decided(*logs)
         assert (found.level, found.check) == ("silent", "")
-    assert (decided(log).told > 20.0).all()
+    assert (decided(log).sign_odds > 20.0).all()
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -263,7 +263,7 @@ def test_signs_and_order_are_judged_in_step_with_the_motion(lag: float) -> None:
     right = decided(late(log, lag))
     assert right.level == "silent"
     # without noise a delay 2 ms off fits as well as the true one, and its signs are a little better known
-    np.testing.assert_allclose(right.told, decided(log).told, rtol=0.1)
+    np.testing.assert_allclose(right.sign_odds, decided(log).sign_odds, rtol=0.1)
     told, crossed = moved(seed=1), with_command(log, log["command"][:, [1, 0, 2]])
     # exchanged columns do not tell a delay of 20 ms by themselves, so the odds differ
     found = decided(told, late(crossed, lag), fresh=[1])
