@@ -24,8 +24,8 @@ HALVINGS = 12
 """Bisections of the line to home: they bring the proved point within a thousandth of it to one not proved."""
 FEW_HALVINGS = 5
 """Bisections for a motion that is only compared with others, or enlarged again afterwards."""
-LEADS = 4
-"""Failures of the largest scale that passes a cheap test, before plain bisection; mostly there is one."""
+LEADS = 2
+"""Failures of the largest scale that passes a cheap test, before plain bisection."""
 GROWTH = (2.0, 1.4, 1.15, 1.05)
 """Factors by which each block of a motion is enlarged, tried in turn."""
 TRIES = 2
@@ -217,7 +217,7 @@ def _largest_scale(
     """The largest scale of p - home, in steps of 2^-halvings, that keeps the limits; the last one fails at 1.
 
     It bisects. If the last limit has a cheap test of its worst instants, the largest scale that passes this
-    test is tried first, since it is nearly always the answer. A failure there shows a worse instant.
+    test is tried first, since it is often the answer. A failure there shows a worse instant.
     """
     last, steps = limits[-1], int(2**halvings)
     witness = last if fast_check and isinstance(last, SupportsWitness) else None
@@ -229,14 +229,17 @@ def _largest_scale(
         pieces = family.trajectory(at(scale)).pieces()
         return witness is not None and not any(witness.fails_again(piece) for _, _, piece in pieces)
 
-    inside, outside, leads = 0, steps, LEADS if witness is not None else 0
+    inside, outside, held, leads = 0, steps, True, LEADS if witness is not None else 0
     while outside - inside > 1:
-        leading = _last_true(passes, inside, outside) if leads else inside
+        # where the worst instant of a failure passes one step lower, others fail: the middle tells more
+        lead = leads > 0 and (held or not passes(outside - 1))
+        leading = _last_true(passes, inside, outside) if lead else inside
         scale = leading if leading > inside else (inside + outside) // 2
-        if _hold(limits, family, at(scale), fast_check):
+        held = _hold(limits, family, at(scale), fast_check)
+        if held:
             inside, outside = scale, scale + 1 if leading == scale else outside
         else:
-            outside, leads = scale, max(0, leads - 1)
+            outside, leads = scale, leads - (leading == scale)
     return inside / steps
 
 
