@@ -28,6 +28,13 @@ def test_a_drawn_arm_is_right_and_its_fault_is_repaired(number: int, tmp_path: P
     assert kept(number, tmp_path)[0].level == "ask", "what was judged is not judged again"
 
 
+@pytest.mark.parametrize("number", [50_410, pytest.param(50_540, marks=pytest.mark.slow)])
+def test_an_exchanged_pair_that_resembles_inverted_signs_is_not_repaired(number: int, tmp_path: Path) -> None:
+    _, wrong = kept(number, tmp_path)
+    assert (wrong.fault, wrong.check) == ("swapped", "sign")
+    assert end(wrong) == "asked_of_others"
+
+
 @pytest.mark.parametrize(
     ("what", "expected"),
     [

@@ -19,7 +19,7 @@ from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.delays import Clock
 from etude.logs.evidence.file_hypotheses import positions_odds, weight_elsewhere
-from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, JointEvidence
+from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, JointEvidence
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
@@ -28,6 +28,7 @@ from etude.types import Array, Channel, Index, Log, Mask
 
 GRAVITY = "gravity"
 LEAST_HALF = 20  # rows of a half: fewer tell nothing
+AHEAD = 7.0  # log odds to the next best set of signs: of less, signs that are likely by themselves are named
 
 
 @threads_for(0)
@@ -176,7 +177,7 @@ class Signs:
     def named(self) -> Mask:
         """(m,) the joints of the set; where others are nearly as likely, those that are in nearly all."""
         likely = np.asarray(self.each >= LIKELY)
-        return likely if self.ahead < CLEAR and likely.any() else self.turned
+        return likely if self.ahead < AHEAD and likely.any() else self.turned
 
 
 def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
