@@ -344,7 +344,7 @@ class ClearPoseSource:
             + (f": most of them break {' and '.join(often)}" if often else ""),
             next_step="In the robot file, correct limits narrower than the data sheet's, and what stands "
             "around the robot; confirm there names pairs of links whose shapes leave little room. "
-            "Deviations of commands are smaller after `etude tell` of a slow log of the robot.",
+            "Deviations of commands may be smaller after `etude tell` of a first, slow log of the robot.",
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:

@@ -117,7 +117,7 @@ def motors_of(
         instances: of the topic; that whose outputs move is of the motors.
         topic: one of MOTORS.
         parameters: PX4's, at the beginning of the log.
-        said: receives a sentence for each note.
+        notes: receives a sentence for each note.
     """
     stem, count = "control" if topic == "actuator_motors" else "output", rotor_count(parameters)
     data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(count or ROTORS)))

@@ -49,7 +49,7 @@ class CovarianceFactors:
     Attributes:
         K: (T, n) prior covariance between X and the training inputs.
         V: (T, n) K L^-T, so that posterior covariance = prior covariance - V Vᵀ.
-        pull: weights on K -> gradient in X.
+        vjp: weights on K -> gradient in X.
     """
 
     kernel: Kernel
