@@ -68,7 +68,7 @@ def _before_logs(spec: ArmSpec, home: Array) -> CommandLimit | OpenCommands | No
 def _unless_confirmed(
     commands: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
 ) -> CommandLimit | OpenCommands:
-    """Open commands, which refuse every motion until a person confirms the line about them; else `commands`."""
+    """Open commands, which refuse all motion until a person confirms the line about them; else `commands`."""
     waits = any(line.startswith(NO_MOTION) for line in spec.confirm)
     if not (waits and isinstance(commands, OpenCommands) and commands.limit is not None):
         return commands

@@ -34,8 +34,8 @@ class Loaded:
         joints: the chosen joints in the requested order; see `columns`.
         held: the file's other moving joints and the position each is held at, rad or m.
         notes: one sentence for each repair or assumption, which the user confirms once.
-        unverified: one sentence for each thing that a certificate does not verify: guessed shapes, a base assumed
-            fixed, joints assumed held.
+        unverified: one sentence for each thing that a certificate does not verify: guessed shapes, a base
+            assumed fixed, joints assumed held.
         excluded: pairs of geoms that an MJCF excludes from contact, by name.
         planes: planes of an MJCF's world, in the frame of the file; they are not shapes of the model.
         beside: shape -> name, for objects in an MJCF's world beside the robot.

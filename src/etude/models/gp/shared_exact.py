@@ -112,7 +112,7 @@ class SharedPosterior:
         return np.asarray(first.kernel.value(first.theta, first._inputs(X), first.X) @ self.alpha)
 
     def held_out(self, places: NDArray[np.int64], Y: Array | None = None) -> tuple[Array, Array]:
-        """Means (k, m) at the samples `places` from all others, and variances (k,) with noise, in closed form.
+        """Means (k, m) at the samples `places` from all others, and variances (k,) with noise, closed form.
 
         Args:
             Y: (n, m) outputs to predict from, if not those that the processes were conditioned on: hold out
