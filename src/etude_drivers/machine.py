@@ -130,7 +130,7 @@ class Machine:
         self._queue: deque[tuple[float, tuple[Array, Array, Array, Array]]] = deque()
 
     def settle(self) -> None:
-        """Time passes until it hangs in its feedback, and its clock begins."""
+        """Simulate until it rests in its feedback, then start its clock."""
         for _ in range(int(SETTLING / self.period)):
             self.cycle()
         self.t = 0.0

@@ -16,9 +16,9 @@ def compiled(function: Any, **options: Any) -> Any:
 
 
 def compiled_part(function: Any, **options: Any) -> Any:
-    """`njit` for a function that compiled functions of its file alone call; Python would crash in it.
+    """`njit` for a function that only compiled functions of its file call; a call from Python would crash.
 
-    What Python would call it by, and a copy of it on disk, are a quarter of a compilation.
+    Its Python wrapper and its file in the cache would take a quarter of the compilation.
     """
     options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(**options)(function)

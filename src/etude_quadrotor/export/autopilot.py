@@ -12,7 +12,7 @@ from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.source import drag_files
-from etude.deploy.c99.target import BARE, Files, cheaper_options, held, options_sentence
+from etude.deploy.c99.target import BARE, Files, cheaper_options, checked_files, options_sentence
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
@@ -152,7 +152,7 @@ class Autopilot:
         """
         settings = taken(options, FlightOptions, self.name)
         form = CForm(settings.real == "float", fade=False, digest=settings.model_hash)
-        made, sentences, facts = held(model, kind, spec, form, settings.name, alone=settings.single)
+        made, sentences, facts = checked_files(model, kind, spec, form, settings.name, settings.single)
         lean, drag = drag_files(made.plan.model.inputs, made.plan.name, form)
         # one call evaluates the motion and hover, and iterates the drag as often as flight.c does
         operations = 2 * made.plan.operations(form.deviations)

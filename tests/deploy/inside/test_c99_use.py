@@ -25,6 +25,7 @@ from etude.deploy.c99.plan import identifier, identifiers
 from etude.deploy.c99.self_test import expected_outputs, golden_vectors
 from etude.deploy.c99.source import numbers, prelude
 from etude.deploy.c99.target import C99, built, compiler, single_member
+from etude.deploy.ros2.target import ROS2
 from etude.errors import EtudeError, UsageError
 from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
@@ -422,3 +423,10 @@ def test_a_compiler_that_takes_too_long_is_told_in_words(monkeypatch: pytest.Mon
     with pytest.raises(EtudeError, match="was not done with the exported model") as told:
         built("slow", {"slow.c": b"int one(void) { return 1; }\n"}, 0)
     assert "--single" in str(told.value.next_step)
+
+
+@pytest.mark.parametrize("target", [C99, ROS2])
+@pytest.mark.parametrize("rate", [0.0, -5.0, float("nan")])
+def test_a_rate_that_is_not_above_zero_is_refused(target: Any, rate: float, model: LearnedModel) -> None:
+    with pytest.raises(UsageError, match="a rate is above 0 Hz"):
+        target(model, ARM, arm_spec(), {"rate": rate})

@@ -170,21 +170,21 @@ def is_undecided(campaign: Campaign) -> bool:
     if state.promoted and state.promoted[-1][1].sha256 == sha256_of(folder / MODEL):
         return False
     try:
-        found = _comparisons(campaign, state, read_residuals(folder / LEFT_OUT))
+        comparisons = _comparisons(campaign, state, read_residuals(folder / LEFT_OUT))
     except (DataError, UsageError):
         return False
-    return any(one.decision == "not decided" for one in found)
+    return any(one.decision == "not decided" for one in comparisons)
 
 
 def _comparisons(
     campaign: Campaign, state: State, left_out: CrossValidationResiduals, say: Say = lambda _: None
 ) -> list[ErrorRatio]:
     """With physics alone and, unless it is the first, with the deployed model."""
-    found = [_with_physics(left_out)]
+    comparisons = [_with_physics(left_out)]
     if state.promoted:
         say("Comparing with the model in use.")
-        found.append(_with_deployed_model(campaign, state, left_out))
-    return found
+        comparisons.append(_with_deployed_model(campaign, state, left_out))
+    return comparisons
 
 
 def _with_physics(left_out: CrossValidationResiduals) -> ErrorRatio:

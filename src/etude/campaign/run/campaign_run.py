@@ -334,7 +334,7 @@ class _Loop:
         for number, path in pending_recordings(self.campaign):
             self._ingest(number, path)
         try:
-            motion = self._motion_at_step(self._next_proposal())
+            motion = self._motion_at_step(self._next_number(self._propose))
         except StopRuleReached as fired:
             return None, fired.fact
         pose = self.session.pose()
@@ -377,11 +377,14 @@ class _Loop:
         is_configured = self.options.learned and self.campaign.config.tracking.control == LEARNED
         return is_configured and LEARNED in self.session.about.controls
 
-    def _next_proposal(self) -> int:
-        """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
+    def _propose(self) -> int:
         control = "" if self.campaign.state().proposals else self.control
+        return ask(self.campaign, control=control, say=self.say).number
+
+    def _next_number(self, propose: Callable[[], int]) -> int:
+        """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
         try:
-            return ask(self.campaign, control=control, say=self.say).number
+            return propose()
         except StopRuleReached as fired:
             return self._after_stop(fired)
 
@@ -413,18 +416,11 @@ class _Loop:
             if last:
                 learn(self.campaign, self.say)
                 return None, f"{len(self.rounds)} rounds are done"
-            return self._number_of_next(onward), ""
+            return self._next_number(onward.number), ""
         except StopRuleReached as fired:
             return None, fired.fact
         finally:
             onward.end()
-
-    def _number_of_next(self, proposal: NextProposal) -> int:
-        """Number of the next proposal. StopRuleReached: another one is not worth its robot time."""
-        try:
-            return proposal.number()
-        except StopRuleReached as fired:
-            return self._after_stop(fired)
 
     @property
     def _onward_control(self) -> str:

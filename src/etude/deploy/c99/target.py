@@ -28,7 +28,7 @@ from etude.types import Array, Delivered
 
 REALS = ("double", "float")
 USUAL = 1000.0
-"""Hz of a control loop that times are held against where no rate is told."""
+"""Hz of a control loop, with which times are compared if no rate is given."""
 CLOCK = 1e9
 """Operations a second that times are estimated with: a core of 1 GHz, one operation in each cycle."""
 ROUNDED = 1e-6
@@ -155,20 +155,9 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     settings = taken(options, COptions, "c")
     if settings.real not in REALS:
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {settings.real!r}")
-    if settings.rate is not None and not float(settings.rate) > 0.0:
-        raise UsageError(f"a rate is above 0 Hz, not {settings.rate}", where="--rate")
     form = CForm(settings.real == "float", settings.variance, settings.fade, settings.model_hash)
-    rate = float(settings.rate or USUAL)
-    made, sentences, facts = held(
-        model,
-        kind,
-        spec,
-        form,
-        settings.name,
-        rate=rate,
-        alone=settings.single,
-        fit=settings.rate is not None,
-    )
+    timing = Timing(settings.rate, USUAL)
+    made, sentences, facts = checked_files(model, kind, spec, form, settings.name, settings.single, timing)
     lean, drag = drag_files(model.inputs, made.plan.name, form)
     if drag is None:
         return Delivered(made.files, sentences, facts)
@@ -251,33 +240,47 @@ def _code_size(path: Path) -> int:
     return int(lines[1].split()[0]) if len(lines) > 1 else 0
 
 
-def held(
+@dataclass(frozen=True)
+class Timing:
+    """Rates of calls, Hz.
+
+    Attributes:
+        required: a call must be done within its period; None: no requirement.
+        usual: times are compared with it if none is required; 0: with none.
+    """
+
+    required: float | None = None
+    usual: float = 0.0
+
+
+def checked_files(
     model: LearnedModel,
     kind: Kind,
     spec: Any,
     form: CForm,
     name: str = "",
-    *,
-    rate: float = 0.0,
     alone: bool = False,
-    fit: bool = False,
+    timing: Timing = Timing(),
 ) -> tuple[Files, tuple[str, ...], dict[str, Any]]:
-    """The files, held against Python by this machine's compiler if it has one; sentences and facts of them.
+    """The files, compared with Python by this machine's compiler if it has one; sentences and facts of them.
 
     Args:
-        rate: Hz of calls, or 0. alone: the best candidate of each command alone.
-        fit: take it alone too where only that is done within a period of the rate, which is refused else.
+        alone: the best candidate of each command alone; also where only that keeps a required rate.
 
     Raises:
         UsageError: what cannot be exported, a rate that nothing keeps, or float where it would be wrong.
         EtudeError: the C is wrong.
     """
+    required = timing.required
+    if required is not None and not required > 0.0:
+        raise UsageError(f"a rate is above 0 Hz, not {required}", where="--rate")
+    rate = float(required or timing.usual)
     best = single_member(model)
     whole, least = (_seconds(one, form, form.fade) for one in (model, best))
-    fitted = fit and not alone and least <= 1.0 / rate < whole
+    fitted = required is not None and not alone and least <= 1.0 / rate < whole
     chosen = best if alone or fitted else model
     made = c_files(chosen, kind, spec, form, name)
-    if fit and _call(made) > 1.0 / rate:
+    if required is not None and _call(made) > 1.0 / rate:
         raise UsageError(
             f"one call takes {_time_in_words(made)}, more than the {1e6 / rate:.0f} us at {rate:g} Hz",
             where="--rate",

@@ -11,7 +11,7 @@ from typing import Any
 from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.target import Files, held
+from etude.deploy.c99.target import Files, Timing, checked_files
 from etude.deploy.feedforward import require_forces
 from etude.deploy.model_states import outside_training_sentence
 from etude.errors import UsageError
@@ -55,17 +55,8 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     """
     settings = taken(options, Ros2Options, "ros2")
     form = CForm(False, fade=settings.fade, digest=settings.model_hash)
-    rate = float(settings.rate or spec.rate)
-    made, sentences, facts = held(
-        model,
-        kind,
-        spec,
-        form,
-        settings.name,
-        rate=rate,
-        alone=settings.single,
-        fit=settings.rate is not None,
-    )
+    timing = Timing(settings.rate, spec.rate)
+    made, sentences, facts = checked_files(model, kind, spec, form, settings.name, settings.single, timing)
     sources = _sources(made.plan, kind, spec)
     if settings.interface == EFFORT:
         for unit in made.plan.units:

@@ -123,7 +123,7 @@ CallbackReturn Feedforward::on_activate(const rclcpp_lifecycle::State &)
   learned_.fill(0.0);
   asked_.fill(0.0);
   measured_.fill(NOTHING);
-  told_ = trusted_ = 0.0;
+  active_ = trusted_ = 0.0;
   answered_ = false;
   for (auto & reference : ordered_exported_reference_interfaces_) {
     static_cast<void>(reference->set_value(NOTHING));
@@ -151,10 +151,10 @@ return_type Feedforward::update_and_write_commands(const rclcpp::Time &, const r
   if (complete) {
     ask_model();
   }
-  told_ = moved(told_, complete, step);
+  active_ = moved(active_, complete, step);
   trusted_ = moved(trusted_, answered_, step);
   for (std::size_t j = 0; j < JOINTS; ++j) {
-    const double own = told_ * (trusted_ * learned_[j] + fed_back(j));
+    const double own = active_ * (trusted_ * learned_[j] + fed_back(j));
     const double effort = std::min(@NAME@_most[j], std::max(@NAME@_least[j], own + added(j)));
     static_cast<void>(command_interfaces_[j].set_value(effort));  // one that is locked keeps its last
   }

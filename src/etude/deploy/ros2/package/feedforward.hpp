@@ -58,7 +58,7 @@ private:
   std::array<double, 2 * JOINTS> measured_{};
   PerJoint learned_{};
   bool answered_ = false;
-  double told_ = 0.0;     // part of all, [0, 1]: 0 while there is no reference
+  double active_ = 0.0;   // part of all, [0, 1]: 0 while there is no reference
   double trusted_ = 0.0;  // part of what was learned, [0, 1]: 0 while the model has no answer
 };
 }  // namespace @PACKAGE@
