@@ -16,12 +16,13 @@ from etude.limits import (
     NormLimit,
     certify,
     certify_bytes,
+    in_words,
     require_certified,
     scaled,
     slack,
     utilization,
 )
-from etude.limits.certificate import ALL, VERSION, facts_of, in_words
+from etude.limits.certificate import ALL, VERSION, facts_of
 from etude.trajectories import FourierTrajectory, PointToPoint, random_moves
 from etude.types import Proof
 
