@@ -1,8 +1,8 @@
 """Memory of friction: Dahl's law in displacement (Dahl 1968), row by row without a loop.
 
-Two successive steps of a linear recursion combine to one, so the rows are joined in pairs, fours, eights: whole
-arrays at a time. A compiled loop would cost the next proposal more than all other computations, because the
-compiler must be loaded.
+Two successive steps of a linear recursion combine to one, so the rows are joined in pairs, fours, eights:
+whole arrays at a time. A compiled loop would cost the next proposal more than all other computations, because
+the compiler must be loaded.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ def dahl(steps: Array, distances: Array, start: Array | float = 0.0) -> Array:
     """Friction (T, ...) in [-1, 1]: it approaches the direction of each step, by 1 - 1/e over the distance.
 
     Args:
-        steps: (T, ...) rad or m, from row to row. distances: (...) rad or m. start: (...) before the first row.
+        steps: (T, ...) rad or m, from row to row. distances: (...) rad or m.
+        start: (...) before the first row.
     """
     faded = np.exp(-np.abs(steps) / distances)
     values = np.sign(steps) * (1.0 - faded)
