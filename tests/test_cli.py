@@ -313,5 +313,5 @@ def test_without_the_studies_their_commands_say_how_to_install_them(
     monkeypatch.setattr("etude.plugins.names", lambda group: ())
     assert cli.main(command) == 2
     said = capsys.readouterr().err
-    assert "are in a package of their own, etude-studies" in said
+    assert "are in a separate package, etude-studies" in said
     assert "pip install ./packages/etude-studies" in said

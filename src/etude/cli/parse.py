@@ -27,9 +27,9 @@ from etude.cli.terminal import coloured, width
 from etude.errors import UsageError
 
 DESCRIPTION = (
-    "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
-    "Only etude run moves a robot, when it is typed: all else writes and reads files. "
-    "etude --version says which one this is."
+    "Étude plans the motions that identify a robot's inverse dynamics in as little robot time as possible. "
+    "Only etude run moves a robot; all other commands read and write files. etude --version shows the "
+    "version."
 )
 
 COMMANDS = {
@@ -171,7 +171,9 @@ def command(arguments: Sequence[str]) -> Command:
     if first and first not in COMMANDS and not first.startswith("-"):
         near = difflib.get_close_matches(first, COMMANDS, 1)
         hint = f"Did you mean {near[0]}? " if near else ""
-        raise UsageError(f"there is no command {first!r}", next_step=f"{hint}etude --help lists all.")
+        raise UsageError(
+            f"there is no command {first!r}", next_step=f"{hint}etude --help lists all commands."
+        )
     names = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in names}
     of_one = len(names) == 1
@@ -211,7 +213,7 @@ def _refused(box: str, prog: str) -> UsageError:
     return UsageError(
         fact.strip().removesuffix(".") or "wrong arguments",
         where=prog,
-        next_step=f"{step}{prog} --help lists what it takes.",
+        next_step=f"{step}{prog} --help lists the options.",
     )
 
 

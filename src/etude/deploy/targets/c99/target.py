@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.options import taken
-from etude.deploy.c99.header import CForm, header
-from etude.deploy.c99.plan import Plan, parts_in_c, planned, process_code, renamed
-from etude.deploy.c99.self_test import EXACT, float_tolerance, golden_vectors, self_test
-from etude.deploy.c99.source import drag_files, source
 from etude.deploy.model_states import outside_training_sentence
+from etude.deploy.targets.c99.header import CForm, header
+from etude.deploy.targets.c99.plan import Plan, parts_in_c, planned, process_code, renamed
+from etude.deploy.targets.c99.self_test import EXACT, float_tolerance, golden_vectors, self_test
+from etude.deploy.targets.c99.source import drag_files, source
 from etude.errors import EtudeError, UsageError
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
