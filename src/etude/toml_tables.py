@@ -264,7 +264,7 @@ def _described(expected: Any) -> tuple[str, str]:
     if inner:
         none = ['"none"'] if type(None) in arguments else []
         return " or ".join([*words, *none]), examples[0]
-    return f"a value of type {getattr(expected, '__name__', expected)}", "..."
+    return f"a value of type {expected.__name__ if isinstance(expected, type) else expected}", "..."
 
 
 def _construct(kind: type[T], values: dict[str, Any], where: str) -> T:
