@@ -101,7 +101,7 @@ def test_a_failed_append_loses_no_earlier_line(tmp_path: Path, error: Callable[[
 
 def test_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fail_at(monkeypatch, 2, full)
-    with pytest.raises(EtudeError, match=r"No space left on device .*file.* Nothing committed was lost"):
+    with pytest.raises(EtudeError, match=r"No space left on device .*file.* No stored data was lost"):
         storage.write_atomic(tmp_path / "file", b"data")
 
 

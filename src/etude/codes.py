@@ -220,7 +220,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     NextStep.ASK_LIKE_IT: "Do not use the model on such motions; ask for more, with tasks "
     "like them (--tasks).",
     NextStep.SEE_REPAIRS: "Check that log's repairs; if the log is wrong, exclude it with etude untell.",
-    NextStep.ASK_AGAIN: "Prove it again before you run it: etude ask {folder:typed}",
+    NextStep.ASK_AGAIN: "Prove it again before you run it: etude ask {folder:typed}{options}",
     NextStep.GIVE_UP: "Do not run it; abandon it: etude abandon {folder:typed} {number}",
     NextStep.TAKE_UP: "The next ask or tell reads the edited file; ask also proves an open motion again: "
     "etude ask {folder:typed}",

@@ -283,5 +283,5 @@ def _refused(path: Path, error: OSError) -> EtudeError:
     return EtudeError(
         f"could not write: {error.strerror or error}",
         where=str(path),
-        next_step="Nothing committed was lost; make room or fix the permissions, and run the command again.",
+        next_step="No stored data was lost; make room or fix the permissions, and run the command again.",
     )

@@ -288,8 +288,8 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """C99 code of a function `name` over the type `real`, with the helpers of deploy/c99/prelude.c. Its
-    own names begin with `name`. body: the definitions, the function last:
+    """C99 code of a function `name` over the type `real`, with the helpers of deploy/targets/c99/prelude.c.
+    Names that it defines begin with `name`. body: the definitions, the function last:
 
     Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
     Mean: void name(const real *channel, ..., real *memory, real *command), without memory where it needs

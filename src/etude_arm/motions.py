@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from etude.limits.convex_limits import AxisLimit
-from etude.limits.limit_tables import made_limits
+from etude.limits.motion_limits import AxisLimit
+from etude.limits.robot_file_limits import made_limits
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.config import FourierConfig
 from etude.trajectories.extremes import USABLE_PART

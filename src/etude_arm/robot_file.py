@@ -34,7 +34,7 @@ size = [0.04, 0.12]         # radius and length, m
 kp = [900.0]                # command units per rad (m), one for each joint
 [floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
 [cartesian]                 # optional: speeds and places in space, see `space.table`
-[[limit]]                   # optional: limits of one's own, see `etude.limits.limit_tables`
+[[limit]]                   # optional: limits of one's own, see `etude.limits.robot_file_limits`
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
-from etude.limits.limit_tables import read_limits
+from etude.limits.robot_file_limits import read_limits
 from etude.toml_tables import decoded, from_table, read_text, write_values
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.limits.limit_tables import LimitTable
+from etude.limits.robot_file_limits import LimitTable
 from etude.types import Array, Channel
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.attachments import Attached, Mounting

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from etude.limits.certificate import memoized
-from etude.limits.convex_limits import bound_of, envelope_speed, tracked
 from etude.limits.lipschitz import FIRST_STEP, SEARCH_STEP, TOLERANCE, extremes
+from etude.limits.motion_limits import bound_of, envelope_speed, tracked
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Margins, Motion, Proof
 from etude_arm.spec import Axis, Envelope

@@ -15,9 +15,9 @@ import numpy as np
 
 from etude._runtime.rounding import whole_up
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
-from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
 from etude.limits.feasible import FeasibleSet
-from etude.limits.limit_tables import made_limits
+from etude.limits.motion_limits import AxisLimit, NormLimit, TiltLimit
+from etude.limits.robot_file_limits import made_limits
 from etude.limits.samplers import boundary, uniform
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.chain import Chain, Part

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.limits.limit_tables import LimitTable
+from etude.limits.robot_file_limits import LimitTable
 from etude_quadrotor.vehicle import Rotor, Vehicle
 
 

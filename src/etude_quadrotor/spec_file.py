@@ -23,7 +23,7 @@ rotors = [[0.1, -0.1, 1.0], ...] # of other than four in an X: x, y (m) and spin
                                  # x forward, y left, spin +1 against the clock seen from above, else -1
 thrust_curve = 0.3               # optional: PX4's THR_MDL_FAC in the flights
 [vehicle]                        # optional: the fields of `vehicle.Vehicle`, for the analytic inverse model
-[[limit]]                        # optional: limits of one's own, see `etude.limits.limit_tables`
+[[limit]]                        # optional: limits of one's own, see `etude.limits.robot_file_limits`
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ import msgspec
 import numpy as np
 
 from etude.errors import UsageError
-from etude.limits.limit_tables import read_limits
+from etude.limits.robot_file_limits import read_limits
 from etude.toml_tables import decoded, read_text
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, SPINS, Rotor, Vehicle

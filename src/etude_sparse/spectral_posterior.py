@@ -231,7 +231,7 @@ def spectral_graph(graph: Any, x: str, posteriors: Sequence[Any], variance: bool
     """Means and latent variances (n, m) of posteriors with as many frequencies each; "" if not requested.
 
     Args:
-        graph: a `deploy.onnx.model_graph.Graph`. posteriors: `SparseSpectrumPosterior`s.
+        graph: a `deploy.targets.onnx.model_graph.Graph`. posteriors: `SparseSpectrumPosterior`s.
         x: (n, D) inputs in the graph.
     """
     phases = graph.op("MatMul", x, np.stack([p.frequencies.T for p in posteriors]))

@@ -94,7 +94,7 @@ for line in sys.stdin.read().splitlines():
 """Commands, one a line, a form feed after each; in one process, as it is starting one that takes long."""
 COMMANDS = (
     *("plugins", "init lab --robot vessel", "ask lab", "simulate lab --rounds 1"),
-    "tell lab lab/simulated/0001.parquet",  # told before: nothing is stored again
+    "tell lab lab/simulated/0001.parquet",  # ingested before: nothing is stored again
     *("status lab", "report lab"),
 )
 

@@ -41,9 +41,10 @@ ROBOTS = {
     "kinova": ("kinova_description/robots/kinova.urdf", ()),
     "ur10": ("ur_description/urdf/ur10_robot.urdf", ()),
     "panda": ("panda_description/urdf/panda.urdf", tuple(f"panda_joint{i}" for i in range(1, 8))),
+    "tiago": ("tiago_description/robots/tiago_no_hand.urdf", tuple(f"arm_{i}_joint" for i in range(1, 8))),
 }
 """Of example-robot-data. Constants of identification were chosen while looking at the first three; never at
-the last two with these plants."""
+the last three with these plants."""
 TARGET_HZ = 10.0
 CUTOFFS, RANKS = (2.0, 3.0, 5.0, 8.0, 12.0), (1e-2, 1e-3, 1e-4, 1e-5)
 """Hz, and the smallest singular value kept as a part of the largest: what least squares chooses from."""

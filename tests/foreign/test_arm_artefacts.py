@@ -150,7 +150,7 @@ def test_status_after_the_first_log(lab: Lab) -> None:
     assert "nMSE within log 1, blocks 3, 8, 13, 18 of 20 from the others" in text
     assert "linear regression" in found["held_out"]["nmse"]
     assert all(0.0 < value < 1.0 for value in found["held_out"]["nmse"][found["held_out"]["chosen"]])
-    assert "tell a second log" in text
+    assert "ingest a second log" in text
     told = [line for line in text.splitlines() if "physics identified from the logs" in line]
     assert told
-    assert all("elsewhere the physics alone" in line or line.endswith("the logs alone.") for line in told)
+    assert all("physics alone elsewhere" in line or line.endswith("the logs alone.") for line in told)

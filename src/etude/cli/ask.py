@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ROW = ["axis", "quantity", "planned", "tracking margin", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
 FEEDFORWARD = "feedforward.csv"
-SLOWLY = "Run it slowly first, with --speed 50: no log has measured its tracking margins."
+SLOWLY = "Run it slowly first, with --speed 50: no log has shown its tracking margins yet."
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 DISTANCES = {"clearance": ("distances", "distance (m)", " m")}
@@ -36,36 +36,38 @@ DISTANCES = {"clearance": ("distances", "distance (m)", " m")}
 
 @dataclass(frozen=True, kw_only=True)
 class Ask(Common):
-    """Write the next trajectory, certified inside the limits; the same one until its log is told."""
+    """Write the next trajectory, certified inside the limits; the same one until its log is ingested."""
 
     folder: Folder
     speed: Literal[25, 50, 100] = 100
-    """Per cent. Below 100 the same path is written slowed down, for a first careful run."""
+    """Speed in per cent. Below 100 the robot follows the same path more slowly, for a careful first run."""
     tasks: Path | None = None
-    """What the robot will do with the model: a trajectory.json, or a CSV with the time and a
-    column for each axis."""
+    """The motions that the model is for: a trajectory.json, or a CSV with the time and a column for each
+    axis."""
     format: tuple[str, ...] = ()
-    """Also write the motion for what plays it: ros2, ros2_sqlite, ros2_yaml, ros2_csv, px4, crazyflie,
-    lerobot, or another package's exporter; certified as its receiver reads it."""
+    """Also write the motion for the program that plays it: ros2, ros2_sqlite, ros2_yaml, ros2_csv, px4,
+    crazyflie, lerobot, or an exporter of another package. The motion is certified as its receiver
+    interpolates it."""
     effort: bool = False
-    """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
+    """Add the learned command in the format's effort field, for controllers that use it (docs/exports.md)."""
     start: Annotated[str, tyro.conf.arg(name="from")] = ""
-    """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
-    way to the start and back is then certified and written too, of flights with take-off and landing; other
-    formats hold all of it in one."""
+    """Where the robot is: home, ground (flights), joint=value,... or a CSV whose last row is its position.
+    Approach and return are then certified and written too, with take-off and landing for flights. Other
+    formats hold all parts in one file."""
     control: Literal["feedback", "file", "learned", ""] = ""
-    """What the motion will be run under: feedback alone, or beside it the feedforward of the robot file's
-    model, or of what was learned; if not given learned with --effort, else feedback. Margins of tracking are
-    those that logs of that control have shown."""
+    """Control during the motion: feedback alone, or feedback with the feedforward of the robot file's model
+    or of the learned model. Default: learned with --effort, else feedback. Tracking margins come from logs of
+    the same control."""
     confirm: bool = False
-    """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
-    both logs with --confirm."""
+    """Write a motion that is never used for training. Run it without and with the learned feedforward, then
+    ingest both logs with etude tell --confirm."""
     payload: bool = False
-    """A motion of about 10 s that shows the payload, for etude payload; no model learns from it."""
+    """Write a motion of about 10 s that identifies the payload, for etude payload. It is never used for
+    training."""
     new: bool = False
-    """Ask for another trajectory although one is open."""
+    """Write another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
-    """Ask although the stop rule has fired."""
+    """Write a trajectory although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.propose.proposal import as_facts
@@ -122,7 +124,7 @@ class Ask(Common):
 
             if self.tasks or self.start or self.control or self.speed != 100:
                 raise UsageError(
-                    "a motion that confirms takes no --tasks, --from, --control or --speed",
+                    "a confirmation motion takes no --tasks, --from, --control or --speed",
                     where="--confirm",
                 )
             return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
@@ -131,7 +133,7 @@ class Ask(Common):
 
             if self.tasks or self.control or self.effort:
                 raise UsageError(
-                    "a motion that weighs a load takes no --tasks, --control or --effort", where="--payload"
+                    "a payload motion takes no --tasks, --control or --effort", where="--payload"
                 )
             return ask_to_weigh(
                 campaign, new=self.new, speed=self.speed, formats=self.format, start=self.start, say=say
@@ -188,17 +190,19 @@ def _unverified(proposal: Proposal) -> list[str]:
 def _approach(approach: Approached) -> list[str]:
     """Lines on the files of approach and return."""
     pose = ", ".join(f"{axis} = {value:.4g}" for axis, value in approach.pose.items())
-    lines = [f"From {pose} to the start and back, proved alike: {approach.folder}"]
+    lines = [f"Certified approach from {pose} and return: {approach.folder}"]
     lines += [f"  {path}" for path in approach.files]
     if approach.whole is None:
-        lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
+        lines.append(
+            "The plan does not start and end at rest: approach, plan and return are separate motions."
+        )
     return lines
 
 
 def _to_confirm(spec: Any) -> list[str]:
     """Lines on unconfirmed assumptions about the robot."""
     assumed = to_confirm(spec)
-    head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
+    head = "Assumptions about the robot; once one is confirmed, remove its line from confirm in robot.toml:"
     return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
 
 
@@ -256,7 +260,7 @@ def _least(rows: Sequence[Proof]) -> list[str]:
     near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
     lines = [table([f"{head} of", "proved at least", "to keep"], near)]
     where = [f"  - {row.axis}: {place_of(row)}" for row in rows[:NEAREST] if place_of(row)]
-    lines += ["Where they come nearest:", *where] if where else []
+    lines += ["Places of the least distances:", *where] if where else []
     others = rows[NEAREST:]
     if others:
         least = min(row.proved_lower for row in others)
@@ -275,13 +279,16 @@ def _start_poses(campaign: Campaign) -> list[str]:
     from etude.campaign.propose.approach import HOME, poses_of
 
     names = [name for name in poses_of(campaign) if name != HOME]
-    return [f"With take-off and landing, proved alike: the same with --from {name}." for name in names]
+    return [f"With certified take-off and landing: the same command with --from {name}." for name in names]
 
 
 def _ends(certificate: Certificate) -> str:
     if certificate.at_rest:
         return "at rest at both ends"
-    return f"the plan is in motion at its ends, at {100 * certificate.end_speed:.0f} % of the speed limit"
+    return (
+        f"the plan does not start and end at rest, but at {100 * certificate.end_speed:.0f} % of the speed "
+        "limit"
+    )
 
 
 def _exported(one: ExportedMotion) -> list[str]:
@@ -292,5 +299,5 @@ def _exported(one: ExportedMotion) -> list[str]:
         if missing
         else ""
     )
-    head = f"For {one.format}, proved as its receiver plays it{but}:"
+    head = f"For {one.format}, certified as its receiver interpolates it{but}:"
     return [head, *(f"  {path}" for path in one.files), *one.certificate.notes]

@@ -15,18 +15,19 @@ Kind = Annotated[Literal["arm", "quadrotor"], tyro.conf.Positional, tyro.conf.ar
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Common):
-    """The whole loop on a simulated arm or quadrotor that no simple model describes, in about two minutes."""
+    """Run the whole loop on a simulated arm or quadrotor that no simple model describes, in about two
+    minutes."""
 
     kind: Kind = "arm"
     """Which demo: an arm that learns its commands, or a quadrotor that learns its voltages and drag."""
     folder: Path | None = None
-    """Where to keep the campaign; a new folder etude-demo-N here if not given."""
+    """Folder of the campaign. Default: a new folder etude-demo-N here."""
     robot: str | None = None
-    """Another built-in robot with a simulated plant; arm4_rough or quadrotor_rough if not given."""
+    """Another built-in robot with a simulated plant. Default: arm4_rough or quadrotor_rough."""
     rounds: int | None = None
-    """Motions to ask for, run and learn; 6 of an arm or 4 flights if not given."""
+    """Number of motions to plan, run and learn. Default: 6 motions of the arm, or 4 flights."""
     seed: int = 0
-    """Of every random number."""
+    """Seed of all random numbers."""
 
     def run(self, say: Say) -> Outcome:
         from etude.cli.demonstration import run

@@ -36,7 +36,7 @@ class Show:
     before: Mapping[str, str] = field(default_factory=dict)
     after: Mapping[str, str] = field(default_factory=dict)
     learned: str = LEARNED
-    what: str = "Mean error on a test motion that was never trained on:"
+    what: str = "Mean error on a test motion that is never used for training:"
 
 
 SHOWS: Mapping[str, Show] = {
@@ -46,7 +46,7 @@ SHOWS: Mapping[str, Show] = {
         {"pd": "PD alone", "rigid_body": "PD + identified rigid-body model"},
         {"perfect": "PD + perfect model (the floor)"},
         "PD + Étude, {seconds:.0f} s of motion",
-        "Mean tracking error on a test motion that was never trained on:",
+        "Mean tracking error on a test motion that is never used for training:",
     ),
     "quadrotor": Show(
         "quadrotor_rough",
@@ -59,7 +59,7 @@ SHOWS: Mapping[str, Show] = {
         },
         {},
         "PID + Étude after {rounds} ({seconds:.0f} s)",
-        "Mean position error on a random test flight that was never trained on:",
+        "Mean position error on a random test flight that is never used for training:",
     ),
 }
 """By kind of robot. Any other kind is shown with the names of its own baselines."""
@@ -86,7 +86,7 @@ def run(
     robot = robot or SHOWS[kind].robot
     show = _show(robot, kind)
     campaign, _ = create_campaign(folder or _new_folder(), robot, seed=seed)
-    say(f"Étude teaches {campaign.name} its inverse dynamics; every plan stays inside its limits.")
+    say(f"Étude identifies the inverse dynamics of {campaign.name}; every plan stays inside its limits.")
     done: list[SimulatedRound] = []
     from etude.campaign.simulation import simulate
 
@@ -117,7 +117,7 @@ def _show(robot: str, kind: str) -> Show:
     robot_kind = find_robot(robot)[0].name
     if kind != next(iter(SHOWS)) and robot_kind != kind:
         raise UsageError(
-            f"'{robot}' is of the kind {robot_kind!r}, not {kind!r}",
+            f"'{robot}' has the kind {robot_kind!r}, not {kind!r}",
             next_step=f"Leave out `{kind}`, or name another robot.",
         )
     return SHOWS.get(robot_kind, Show())

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Doctor(Common):
-    """Say what this machine has for Étude: versions, threads, compilers, extras, a browser, folders.
+    """Check what this machine has for Étude: versions, threads, compilers, extras, a browser, folders.
 
-    Exit code 1 if something is missing without which Étude does not work.
+    Exit code 1: something that Étude needs is missing.
     """
 
     def run(self, _: Say) -> Outcome:
@@ -36,16 +36,21 @@ class Doctor(Common):
         first = max(len(one.name) for one in checks)
         lines = [f"{one.sign:<6} {one.name:<{first}}  {one.sentence}" for one in checks]
         needed = [one for one in checks if one.light == "red"]
-        lines += ["", "Something that is needed is missing." if needed else "All that is needed is there."]
+        lines += [
+            "",
+            "Something that Étude needs is missing."
+            if needed
+            else "Everything that Étude needs is installed.",
+        ]
         data = {"checks": [asdict(one) for one in checks], "ok": not needed}
         return Outcome("\n".join(lines), data, 1 if needed else 0)
 
 
 SIGNS = {"green": "ok", "yellow": "none", "red": "WRONG"}
 TOOLS: Mapping[str, str] = {
-    "gcc": "an exported C file can be tried here",
+    "gcc": "compiles exported C files for a test",
     "clang": "a second compiler for exported C",
-    "cmake": "builds what an export's CMakeLists.txt describes",
+    "cmake": "builds exports from their CMakeLists.txt",
 }
 EXTRAS_NOT_OF_USERS = ("test", "docs")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
@@ -124,11 +129,13 @@ def places() -> list[Check]:
     folder_check = Check("this folder", "green", f"can be written: {here}")
     if not _writable(here):
         folder_check = Check(
-            "this folder", "yellow", f"cannot be written: {here}; campaigns need another one"
+            "this folder", "yellow", f"cannot be written: {here}; use another folder for campaigns"
         )
     cache = _cache_folder()
     if cache is None:
-        sentence = "no folder for compiled code: every command compiles again; set NUMBA_CACHE_DIR"
+        sentence = (
+            "no writable folder for compiled code, so every command compiles again; set NUMBA_CACHE_DIR"
+        )
         return [folder_check, Check("numba cache", "yellow", sentence)]
     return [folder_check, Check("numba cache", "green", f"in {cache}")]
 
@@ -151,7 +158,11 @@ def browser() -> Check:
     there = next((name for name in BROWSERS if shutil.which(name)), "")
     if there or sys.platform in ("darwin", "win32"):
         return Check("browser", "green", there or "the system's")
-    return Check("browser", "yellow", "none on this machine: copy report.html to one, it needs nothing else")
+    return Check(
+        "browser",
+        "yellow",
+        "none on this machine; report.html opens on any other machine without further files",
+    )
 
 
 def extras() -> list[Check]:
@@ -240,7 +251,7 @@ def _cache_folder() -> Path | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Plugins(Common):
-    """List what can be exchanged: robots, models, kernels, criteria, readers, exporters and studies."""
+    """List what can be replaced: robots, models, kernels, criteria, readers, exporters and studies."""
 
     def run(self, _: Say) -> Outcome:
         from etude.plugins import GROUPS, listed

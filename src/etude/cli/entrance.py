@@ -26,9 +26,9 @@ from types import FrameType
 from etude import __version__
 from etude.errors import EtudeError, UsageError
 
-MACHINE = "Nothing committed was lost; check the permissions and the disk, and run the command again."
-KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
-OF_DEMO = "Interrupted. Everything that was committed is kept; etude simulate goes on in its folder."
+MACHINE = "No stored data was lost; check the permissions and the disk, and run the command again."
+KEPT = "Interrupted. All stored data is kept; run the same command again to continue."
+OF_DEMO = "Interrupted. All stored data is kept; etude simulate continues in its folder."
 
 SELDOM = 50_000
 """More objects than before, at which Python looks for circles among them. A program that loads modules makes
@@ -136,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 OURS = "etude"
 OWN_ENVIRONMENT = (
-    "Install Étude into an environment of its own: python3 -m venv .venv && .venv/bin/pip install ."
+    "Install Étude into a separate environment: python3 -m venv .venv && .venv/bin/pip install ."
 )
 
 
@@ -161,7 +161,7 @@ def conflict() -> str:
     if not others:
         return ""
     names = ", ".join(others)
-    return f"another distribution here installs a package etude too ({names}): its files lie over ours"
+    return f"another distribution also installs a package etude ({names}), and its files overwrite ours"
 
 
 def _guarded(arguments: list[str]) -> int:
@@ -192,13 +192,13 @@ def _report_unexpected(error: Exception, as_json: bool) -> int:
         return _report(as_json, "PluginError", *details, 2)
     if isinstance(error, OSError):  # the system's message helps more than a traceback
         where = "" if error.filename is None else str(error.filename)
-        fact = f"the machine refused: {error.strerror or error}"
+        fact = f"the operating system refused: {error.strerror or error}"
         return _report(as_json, "MachineError", fact, where, MACHINE, 1)
     if isinstance(error, ImportError | AttributeError) and (clash := conflict()):
         return _report(as_json, "MachineError", f"{error}: {clash}", "", OWN_ENVIRONMENT, 1)
     traceback.print_exception(error)
     fact = f"this is a bug in etude: {type(error).__name__}: {error}"
-    return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
+    return _report(as_json, "Bug", fact, "", "No stored data was lost; please report it.", 1)
 
 
 def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
@@ -209,7 +209,7 @@ def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
     if origin is None:
         return None
     name, line = origin
-    step = "Repair the plug-in; a suite of etude.testing tells what it must do. Nothing committed was lost."
+    step = "Repair the plug-in; the suites of etude.testing test it. No stored data was lost."
     message = " ".join(str(error).split())  # one sentence is one line
     return f"the plug-in {name} raised {type(error).__name__}: {message}", line, step
 
@@ -247,7 +247,7 @@ def _require_no_empty(arguments: Sequence[str]) -> None:
         if not argument and not before.startswith("--"):
             raise UsageError(
                 "an argument is empty",
-                next_step="Is a variable of the shell not set? Name the folder or file.",
+                next_step="Perhaps a shell variable is not set. Name the folder or file.",
             )
 
 

@@ -13,34 +13,36 @@ from etude.cli.outcome import Common, Folder, Outcome, Say, opened
 
 @dataclass(frozen=True, kw_only=True)
 class Export(Common):
-    """Write the model as what another program runs: C99 for a controller's loop, a controller for ROS 2, an
-    addition to PX4 or a Crazyflie, a trajectory with commands, ONNX; or what was identified, as a model file
-    or a table."""
+    """Write the model in a form that another program runs, or the identified parameters as a file.
+
+    Targets: C99 for a controller's loop, a controller for ROS 2, an addition to PX4 or a Crazyflie, a
+    trajectory with commands, ONNX; for the parameters a model file or a table.
+    """
 
     folder: Folder
     to: str
-    """For whom: c, ros2, online, px4, crazyflie, trajectory, onnx, urdf, mjcf, parameters, or another name of
-    etude plugins."""
+    """Target: c, ros2, online, px4, crazyflie, trajectory, onnx, urdf, mjcf, parameters, or another name that
+    etude plugins lists."""
     output: Path | None = None
-    """Folder to write; exports/TARGET in the campaign's by default. An earlier export there is replaced."""
+    """Folder to write. Default: exports/TARGET in the campaign's folder. An earlier export there is
+    replaced."""
     real: Literal["double", "float"] | None = None
-    """c, onnx: type of its numbers; float is refused where it would be wrong."""
+    """c, onnx: type of the numbers. float is refused where its results would be wrong."""
     variance: bool = False
-    """c, onnx: with the variance of each command beside the mean."""
+    """c, onnx: also compute the variance of each command."""
     fade: bool = True
-    """c, ros2, onnx: commands fade to physics, or a level, where the model knows no more than before any
-    data, as `etude predict` does; this takes variances. --no-fade: the mean given the data everywhere.
-    """
+    """c, ros2, onnx: where the data add nothing to the prior, commands fade to the physics or to a constant
+    level, as in etude predict. This needs variances. --no-fade: the posterior mean everywhere."""
     single: bool = False
-    """In C: the best candidate of each command alone where several are averaged."""
+    """c: only the best ensemble member of each command, where several are averaged."""
     rate: float | None = None
-    """In C: Hz of the calls; --single is taken where only that is fast enough, and what nothing keeps is
-    refused. trajectory: of its table."""
+    """c: rate of the calls in Hz. --single is used where only it is fast enough; a rate that no form reaches
+    is refused. trajectory: rate of its table."""
     name: str = ""
-    """Prefix of files and functions; the robot's name by default."""
+    """Prefix of files and functions. Default: the robot's name."""
     more: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="NAME=VALUE")] = ()
-    """More of a target: motion or format of trajectory, interface of ros2; those of other packages'
-    targets."""
+    """Options of one target: motion or format (trajectory), interface (ros2), or those of another package's
+    target."""
 
     def run(self, _: Say) -> Outcome:
         from etude.campaign.deployment.model_export import export, given
@@ -64,20 +66,21 @@ class Export(Common):
 
 @dataclass(frozen=True, kw_only=True)
 class Predict(Common):
-    """Write the commands that the model expects along a motion, each with its deviation, and where it is
-    outside of what that command was learned from: its deviation is more than twice that of training. Commands
-    fade to physics, or to a level, where nothing is known, as in every export. The deviation is that of one
-    sample as the model learns it, its noise included: logs are filtered or averaged to the model's rate.
-    row_deviation is that of a single recorded row, which scatters more.
+    """Write the commands that the model predicts along a motion, each with its standard deviation.
+
+    The column outside marks commands whose deviation is more than twice that in training. Where nothing is
+    known, commands fade to the physics or to a constant level, as in every export. The deviation is that of
+    one training sample with its noise; logs are filtered or averaged to the model's rate. row_deviation is
+    that of one recorded row, which scatters more.
     """
 
     folder: Folder
     motion: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
-    """A trajectory.json, or a table with a time and the robot's columns, named as in logs. Velocities and
-    accelerations that it lacks are made of the positions, as learning makes them. Of a vehicle t, x, y, z
-    are enough: the path is then planned."""
+    """A trajectory.json, or a table with a time and the robot's columns, named as in logs. Missing velocities
+    and accelerations are computed from the positions, as in training. Vehicles: t, x, y, z are enough; the
+    path is then planned."""
     output: Path | None = None
-    """CSV or Parquet to write; MOTION.commands.csv beside the motion by default."""
+    """CSV or Parquet file to write. Default: MOTION.commands.csv beside the motion."""
     degrees: bool = False
     """The table's angles and rates are in degrees."""
 

@@ -21,37 +21,39 @@ COMMAND = "--command", "joint=limit", "wrist=40"
 
 @dataclass(frozen=True, kw_only=True)
 class Init(Common):
-    """Start a campaign: a folder that holds the robot, the configuration and everything to come."""
+    """Start a campaign: a folder for the robot's description, the configuration, trajectories, logs and
+    models."""
 
     folder: Folder
     robot: str
-    """A built-in robot's name, or the file that describes it (TOML, URDF, MJCF); copied into the folder."""
+    """Name of a built-in robot, or the file that describes the robot (TOML, URDF, MJCF). It is copied into
+    the folder."""
     preset: str = "default"
-    """The configuration to start from, "default" or "thesis"; written out in full in campaign.toml."""
+    """Configuration to start from: default or thesis. campaign.toml lists all its values."""
     seed: int = 0
-    """Of every random number the campaign draws."""
+    """Seed of all random numbers of the campaign."""
 
     joints: tuple[str, ...] = ()
-    """Of a URDF or MJCF: the joints that move, by name or pattern ("arm_*"); the others are held."""
+    """Joints that move, by name or pattern such as "arm_*" (URDF, MJCF). The others are fixed."""
     hold: tuple[str, ...] = ()
-    """Where others are held, joint=position in rad or m; at 0, or their limit next to it, if not said."""
+    """Positions of the fixed joints, joint=position in rad or m. Default: 0, or the limit nearest to 0."""
     range: tuple[str, ...] = ()
-    """How far joints may go, joint=lower:upper in rad or m: of joints that turn without end, or less than the
-    file allows."""
+    """Position limits, joint=lower:upper in rad or m: for joints that turn without end, or tighter than in
+    the file."""
     velocity: tuple[str, ...] = ()
-    """How fast joints may go, joint=limit in rad/s or m/s ("*=2.1" for all), in place of the file's; an MJCF
-    has none."""
+    """Velocity limits, joint=limit in rad/s or m/s ("*=2.1" for all), in place of the file's. MJCF files have
+    none."""
     acceleration: tuple[str, ...] = ()
-    """The largest accelerations, joint=limit in rad/s^2 or m/s^2 ("*=4" for all), in place of the
-    file's, of which few have one."""
+    """Acceleration limits, joint=limit in rad/s^2 or m/s^2 ("*=4" for all), in place of the file's. Few files
+    have any."""
     command: tuple[str, ...] = ()
-    """The largest commands, joint=limit in N m or N ("*=40" for all), in place of the file's."""
+    """Command limits, joint=limit in N m or N ("*=40" for all), in place of the file's."""
     joint_limits: Path | None = None
-    """MoveIt's joint_limits.yaml: its limits count where the file has none or looser ones."""
+    """MoveIt's joint_limits.yaml. Its limits are used where the file has none or looser ones."""
     floor: float | None = None
-    """Height of the floor in m, the base at 0; if not said, the model file's, or one at 0 is assumed."""
+    """Height of the floor in m above the base. Default: that of the model file, else 0."""
     mesh_root: tuple[Path, ...] = ()
-    """Folders to look for meshes in first, with their package's name or without."""
+    """Folders to search for meshes first, with or without the package's name."""
 
     def trust_files(self) -> None:
         """Nothing: `run` trusts the robot's file and the folder once the campaign is made."""
@@ -79,7 +81,7 @@ class Init(Common):
         lines = [f"Campaign {self.folder} for {campaign.name}: {_axes_sentence(campaign)}."]
         if confirm:
             lines += [
-                "Please confirm, and take out of confirm in robot.toml:",
+                "Please check these assumptions, then remove their lines from confirm in robot.toml:",
                 *(f"  - {sentence}" for sentence in confirm),
             ]
         lines.append(
@@ -121,7 +123,9 @@ def _numbers(entries: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, 
             joint = ""
         if not joint:
             raise UsageError(
-                f"{one!r} is no {expected}", where=option, next_step=f"Write {option} {example}."
+                f"{one!r} does not have the form {expected}",
+                where=option,
+                next_step=f"Write {option} {example}.",
             )
     return numbers
 
@@ -139,7 +143,9 @@ def _ranges(entries: tuple[str, ...]) -> dict[str, tuple[float, float]]:
             joint, low, high = "", 0.0, 0.0
         if not joint or not low < high:
             raise UsageError(
-                f"{one!r} is no joint=lower:upper", where="--range", next_step="Write --range wrist=-3.1:3.1."
+                f"{one!r} does not have the form joint=lower:upper",
+                where="--range",
+                next_step="Write --range wrist=-3.1:3.1.",
             )
         ranges[joint] = (low, high)
     return ranges

@@ -22,23 +22,24 @@ REFUSED = 3  # exit code of docs/reference: the log would be refused
 
 @dataclass(frozen=True, kw_only=True)
 class Inspect(Common):
-    """Say how a log was recorded and whether it can be true, before any campaign. Exit code 0: tell would
-    take it as it is; 3: tell would refuse it, or ask.
+    """Show how a log was recorded and whether it is plausible, before any campaign.
+
+    Exit code 0: etude tell would accept the log. Exit code 3: it would refuse the log, or ask a question.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """A file of any format that tell takes."""
+    """A file in any format that etude tell reads."""
     robot: str = ""
-    """A built-in robot, its description, or a campaign's folder; without one, joints are guessed from the
+    """A built-in robot, its description, or a campaign's folder. Default: the joints are guessed from the
     headers."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
     topic: tuple[str, ...] = ()
-    """Topics of a bag to read, joined by time; none: those with joint states."""
+    """Topics of a bag to read, joined by time. Default: all topics with joint states."""
     picture: Path | None = None
-    """Write positions, commands and marked spans as SVG to this file."""
+    """SVG file to write, with positions, commands and marked spans."""
     write_mapping: bool = False
-    """Print the table [log.columns] for campaign.toml, which says what each column is; takes --robot."""
+    """Print the table [log.columns] for campaign.toml, which maps the columns of the log. Needs --robot."""
 
     def run(self, _: Say) -> Outcome:
         from etude.campaign.ingest.inspection import inspect, mapping_of
@@ -48,7 +49,7 @@ class Inspect(Common):
         if self.write_mapping:
             if not self.robot:
                 raise UsageError(
-                    "a mapping is of a robot's columns",
+                    "a mapping needs a robot",
                     where="--write-mapping",
                     next_step="Give --robot too.",
                 )
@@ -85,13 +86,13 @@ def _text(inspection: Inspected, described: bool) -> str:
     summary = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
     flags = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in inspection.findings if f.flag))
     mended = any(isinstance(f, Mendable) and f.light != "green" for f in inspection.findings)
-    end = f"tell would take this log{', repaired as said above' if mended else ' as it is'}."
+    end = f"tell would ingest this log{', with the repairs above' if mended else ' without repairs'}."
     if not described:
-        end = "nothing speaks against this log; what tell would say depends on the robot (--robot)."
+        end = "no check fails; whether tell would ingest this log depends on the robot (--robot)."
     if any(f.light == "red" and not f.flag for f in inspection.findings):
         end = "tell would refuse this log."
     elif flags:
-        end = f"tell would ask first; {flags} takes it as it is."
+        end = f"tell would ask a question first; {flags} uses the log without a repair."
     return "\n".join([*lines, "", f"{summary}: {end}"])
 
 

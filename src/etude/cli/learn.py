@@ -35,25 +35,25 @@ class LearnedFolder:
         """For a table."""
         if self.problem:
             return f"not learned: {self.problem}"
-        return f"learned, {self.structure}" if self.logs else "no log was told"
+        return f"learned, {self.structure}" if self.logs else "no log was ingested"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Learn(Common):
-    """Learn campaigns anew, each from all of its logs: after an update of Étude, or of campaign.toml.
+    """Train the models of campaigns anew from all logs: after an update of Étude, or of campaign.toml.
 
-    Promoted models stay in use. A campaign that cannot be learned does not stop the others; the exit code is
+    Promoted models stay in use. A campaign that cannot be trained does not stop the others; the exit code is
     then 3.
     """
 
     folders: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER ...]")
     ] = ()
-    """Campaign folders. The workers of a cluster see them under the same paths."""
+    """Campaign folders. The workers of a cluster need the same paths."""
     workers: int | None = None
-    """Processes of this machine, a campaign each; one after the other if not given."""
+    """Number of processes on this machine, each with one campaign. Default: one campaign after the other."""
     cluster: Annotated[str, tyro.conf.arg(metavar="NAME")] = ""
-    """tcp://host:port of a Dask scheduler that learns instead of this machine."""
+    """tcp://host:port of a Dask scheduler, to train there."""
 
     def run(self, say: Say) -> Outcome:
         if not self.folders:

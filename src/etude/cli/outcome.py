@@ -32,7 +32,8 @@ class Common:
     json: bool = False
     """Print one line of JSON on stdout instead of text."""
     trust: bool = False
-    """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
+    """Allow the code that the folder's files name as module:attribute. Remembered for this user and
+    folder."""
 
     def trust_files(self) -> Path | None:
         """Puts what the command names on this user's list, before it runs; None: the command does so itself.
@@ -44,8 +45,8 @@ class Common:
         folder = vars(self).get("folder")
         if folder is None:
             raise UsageError(
-                "--trust is of commands that have a campaign's folder",
-                next_step="etude status FOLDER --trust.",
+                "--trust needs a command with a campaign's folder",
+                next_step="Give it once: etude status FOLDER --trust.",
             )
         trust_campaign(folder)
         return Path(folder)
@@ -59,7 +60,7 @@ def opened(folder: Path) -> Campaign:
 
 
 Say = Callable[[str], None]
-TRUSTED = "Trusted from now on, by you: code that the files in {} name."
+TRUSTED = "Code that the files in {} name is trusted from now on for this user."
 CHANGED, UNUSABLE = 6, 3
 """Exit codes: the robot has changed, so that somebody has to say what it is now; a file cannot be used."""
 

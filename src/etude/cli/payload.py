@@ -13,20 +13,22 @@ from etude.errors import typed
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Common):
-    """Say what the robot carries in one log: mass and centre of mass, with 95 % intervals, beyond what the
-    model in use knows. Nothing is learned."""
+    """Estimate the load in one log: mass and centre of mass, with 95 % intervals.
+
+    The load is the difference from the robot that the model in use knows. Nothing is learned.
+    """
 
     folder: Folder
     log: Path
-    """A file of any motion, in any format that tell takes."""
+    """A log of any motion, in any format that etude tell reads."""
     write: bool = False
-    """Add it to [payload] of robot.toml."""
+    """Add the load to [payload] of robot.toml."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
     accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose question is answered: the log is taken as it is. May be given again."""
+    """Name of a check: use the log without a repair. Can be given several times."""
     repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose question is answered with: put it right. May be given again."""
+    """Name of a check: repair the log. Can be given several times."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.payload import payload
@@ -43,7 +45,9 @@ class Payload(Common):
         load, lines = weighed.load, list(weighed.said)
         if weighed.written is not None:
             lines.append(f"Written: [payload] of {weighed.written}")
-            lines.append(f"The model knows the robot without it. Next: etude ask {typed(self.folder)} --new")
+            lines.append(
+                f"The model does not include this load yet. Next: etude ask {typed(self.folder)} --new"
+            )
         low, high = load.interval
         data = {
             "verdict": load.verdict,

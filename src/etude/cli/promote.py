@@ -25,15 +25,17 @@ MORE_LOGS = (Refusal.NOT_DECIDED, Refusal.NOT_CALIBRATED)
 
 @dataclass(frozen=True, kw_only=True)
 class Promote(Common):
-    """Put the newest model in use, if on unseen motion it beats the one in use and is no worse than physics
-    alone. Exit code 3: it does not, or nothing is decided.
+    """Put the newest model in use if it is better on unseen motion than the model in use and no worse than
+    physics.
+
+    Exit code 3: it is not better, or the data do not decide.
     """
 
     folder: Folder
     force: bool = False
-    """Put it in use whatever was measured; recorded in the journal, with the reason."""
+    """Put the model in use whatever the errors are. The journal records this with the reason."""
     reason: str = ""
-    """Why; needed with --force."""
+    """The reason. Required with --force."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.promote import promote
@@ -49,7 +51,7 @@ class Promote(Common):
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
         if any(one.code in MORE_LOGS for one in promotion.refused) and not promotion.promoted:
-            lines.append(f"Next: etude ask {typed(self.folder)} --continue, and tell its log.")
+            lines.append(f"Next: etude ask {typed(self.folder)} --continue, then run it and ingest its log.")
         if promotion.promoted:
             lines.append(
                 f"Next: etude export {typed(self.folder)} --to c, and etude watch {typed(self.folder)} LOG."
@@ -61,7 +63,7 @@ class Promote(Common):
 def _lines(promotion: Promotion, commands: Sequence[str]) -> list[str]:
     model = f"The model of log {promotion.number} ({promotion.sha256[:12]})"
     if promotion.repeated:
-        return [f"{model} is in use already."]
+        return [f"{model} is already in use."]
     rows = [
         [
             one.against,
@@ -73,7 +75,7 @@ def _lines(promotion: Promotion, commands: Sequence[str]) -> list[str]:
         ]
         for one in promotion.compared
     ]
-    lines = ["Errors on segments that neither has seen, over those of:"] if rows else []
+    lines = ["Errors on segments that neither model was trained on, relative to:"] if rows else []
     lines += [table(["", "segments", "ratio", "95 %", *commands, ""], rows)] if rows else []
     if promotion.wide:
         parts = [
@@ -83,7 +85,7 @@ def _lines(promotion: Promotion, commands: Sequence[str]) -> list[str]:
         lines += ["Held-out commands inside its intervals:", table(["interval", *commands], parts)]
     lines += [f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in promotion.refused]
     if not promotion.promoted:
-        return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
+        return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use anyway."]
     return [*lines, f"{model} is in use now{', forced' if promotion.forced else ''}."]
 
 
@@ -93,7 +95,7 @@ class Rollback(Common):
 
     folder: Folder
     reason: str = ""
-    """Kept in the journal."""
+    """The reason, for the journal."""
 
     def run(self, _: Say) -> Outcome:
         from etude.campaign.deployment.promote import rollback
@@ -105,21 +107,22 @@ class Rollback(Common):
 
 @dataclass(frozen=True, kw_only=True)
 class Watch(Common):
-    """Hold logs of any motion against the model in use; nothing is learned. Exit code 6: the robot has
-    changed; 3: a log cannot be used.
+    """Compare logs of any motion with the model in use; nothing is learned.
+
+    Exit code 6: the robot has changed. Exit code 3: a log cannot be used.
     """
 
     folder: Folder
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")] = ()
-    """Files of any format that tell takes, oldest first."""
+    """Logs in any format that etude tell reads, oldest first."""
     degrees: bool = False
     """All angles and rates of the logs are in degrees."""
     accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose question is answered: the logs are taken as they are. May be given again."""
+    """Name of a check: use the logs without a repair. Can be given several times."""
     repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose finding is put right. May be given again."""
+    """Name of a check: repair the logs. Can be given several times."""
     no_ask: bool = False
-    """Propose no motion where the robot has changed."""
+    """Do not propose a motion if the robot has changed."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.monitor import watch
@@ -146,7 +149,10 @@ def _watched_lines(watched: Watched, folder: Path) -> list[str]:
         made = watched.proposal
         lines.append(f"Proposed: trajectory {made.number}, {made.duration:g} s, in {made.folder}")
         lines.append(f"Run it, then: etude tell {typed(folder)} LOG --changed new")
-        lines.append(f"Then one more: etude ask {typed(folder)}. One log alone may teach less than is known.")
+        lines.append(
+            f"Then one more: etude ask {typed(folder)}. One log alone may contain less information than the "
+            "earlier logs."
+        )
     elif watched.no_proposal:
         lines.append(f"No motion is proposed: {watched.no_proposal}.")
     return lines

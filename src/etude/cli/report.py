@@ -17,24 +17,23 @@ def served(pages: Pages, port: int | None, as_json: bool, say: Say) -> Outcome:
     from etude.report.live import HOST, server
 
     if as_json:
-        step = "Leave --json out, or --serve."
-        raise UsageError("--serve ends by Ctrl-C, and has no outcome", where="--json", next_step=step)
+        step = "Leave out --json or --serve."
+        raise UsageError("--serve runs until Ctrl-C and returns no result", where="--json", next_step=step)
     with server(pages, port) as web_server:
-        say(f"Served to this machine: http://{HOST}:{web_server.server_address[1]}/ (Ctrl-C ends it)")
+        say(f"Served on this machine: http://{HOST}:{web_server.server_address[1]}/ (Ctrl-C ends it)")
         web_server.serve_forever()
     return Outcome("")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report(Common):
-    """Write report.html: one file, opens offline, made from the campaign's facts alone."""
+    """Write report.html: one file that opens offline, made from the campaign's facts alone."""
 
     folder: Folder
     serve: bool = False
-    """Show it in a browser of this machine instead, renewed as things happen, until Ctrl-C; nothing is
-    written."""
+    """Show the report in a browser on this machine, updated until Ctrl-C. No file is written."""
     port: int | None = None
-    """Of --serve; a free one if not given."""
+    """Port for --serve. Default: a free one."""
 
     def run(self, say: Say) -> Outcome:
         from etude.report.build import build_report, live_report

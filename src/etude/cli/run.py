@@ -23,32 +23,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRobot(Common):
-    """Let a robot close the loop by itself: it MOVES. Exit code 3: a recording cannot be used; 4: no safe
-    motion, or the robot refuses it; 6: the robot has changed; 7: the robot or the supervisor stopped it; 8:
-    the link was lost; 130: interrupted, and at rest.
+    """Run the whole loop on a robot: it MOVES.
+
+    Exit code 3: a recording cannot be used; 4: no safe motion, or the robot refuses it; 6: the robot has
+    changed; 7: the robot or the supervisor stopped it; 8: the link was lost; 130: interrupted, and at rest.
     """
 
     prints: ClassVar[bool] = True
     folder: Folder
     on: str = ""
-    """The driver: NAME, NAME:ADDRESS, module:factory or file.py:factory (docs/run.md); if not given, that of
+    """The driver: NAME, NAME:ADDRESS, module:factory or file.py:factory (docs/run.md). Default: the driver of
     run.toml."""
     rounds: int | None = None
-    """Motions at most; if not given, until the stop rule fires."""
+    """Largest number of motions. Default: until the stop rule fires."""
     yes: bool = False
-    """Agree beforehand, to a simulation alone: nobody has to type move."""
+    """Do not ask for the word move. Only for simulations."""
     dry_run: bool = False
-    """Everything but motion: what is open, the first motion and the way to it, whether the robot takes it."""
+    """Do everything except the motion: show what is missing, plan the first motion and the approach, ask the
+    robot whether it accepts them."""
     resume: bool = False
-    """Go on after a motion that nothing says the end of: you have looked at where the robot stands."""
+    """Continue after a motion whose end is unknown. Look first where the robot is."""
     identity: str = ""
-    """The robot's identity, if it has another one than before and is the same robot."""
+    """The robot's identity, if it differs from the earlier one although the robot is the same."""
     feedback: bool = False
-    """Teach under feedback alone, though the robot takes learned commands."""
+    """Run training motions with feedback alone, although the robot accepts learned commands."""
     view: bool = False
-    """Show the motion in a browser of this machine, and the robot as it moves: asked and measured."""
+    """Show the planned motion and the measured robot in a browser on this machine."""
     heartbeat: Path | None = None
-    """A dead-man switch: a motion is stopped once this file was not touched for a second."""
+    """A dead-man switch: the motion is stopped if this file is not touched for a second."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.run.campaign_run import run_campaign
@@ -92,7 +94,7 @@ class RunRobot(Common):
             raise UsageError(
                 "there is no such file",
                 where=f"--heartbeat {self.heartbeat}",
-                next_step="Start what touches it first: it has to be touched at least every second.",
+                next_step="First start the program that touches this file at least once a second.",
             )
         return TerminalUser(say, asks=not self.json, heartbeat=self.heartbeat)
 
@@ -140,7 +142,7 @@ class TerminalUser:
             self.say(sentence)
         if not self.asks:
             return False
-        self.say(f"Is the room free? Type {word} to let it move:")
+        self.say(f"Is the workspace clear? Type {word} to start the motion:")
         return sys.stdin.readline().strip() == word
 
     def alive(self) -> bool:
@@ -169,7 +171,7 @@ class _EventPrinter:
         elif self.out is not None:
             print(to_json({"event": event, **fields}), file=self.out, flush=True)
         elif event == "view":
-            self.say(f"The motion is shown to this machine: {fields['address']}")
+            self.say(f"The motion is shown on this machine: {fields['address']}")
         elif event == "status" and fields["at"] is not None:
             worst = max(fields["worst_error"], default=0.0)
             self.say(

@@ -25,31 +25,32 @@ BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(Common):
-    """Close the loop with a simulated robot, and test what was learned after every trajectory. Exit code 6: a
-    log waits for an answer, since the robot has changed.
+    """Run the whole loop with a simulated robot, and test the model after every trajectory.
+
+    Exit code 6: a log waits for an answer, because the robot has changed.
     """
 
     folder: Folder
     rounds: int = 4
-    """Trajectories to ask for, run and learn."""
+    """Number of trajectories to plan, run and learn."""
     engine: Literal["compiled", "mujoco", ""] = ""
-    """Of an arm: two independent implementations of the same physics; compiled if not given, mujoco is
+    """Arms: one of two independent implementations of the same physics. Default: compiled; mujoco is
     slower."""
     change: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What is another robot in these rounds: payload=0.5 (kg), friction=1.5 (times), sensor_elbow=20 (more in
-    that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
-    answer. May be given again."""
+    """A change of the robot in these rounds: payload=0.5 (kg), friction=1.5 (factor), sensor_elbow=20 (added
+    to that joint's logged command); vehicles: payload, drag, sag, wind. The log that shows the change waits
+    for an answer. Can be given several times."""
 
     control: Literal["feedback", "learned", ""] = ""
-    """What motions that teach are run under: feedback alone, or from the second one on what was learned
-    beside it, as a robot that is sent `ask --effort`. If not given, control in [tracking] of campaign.toml;
-    vehicles lean against the learned drag."""
+    """Control of training motions: feedback alone, or with the learned feedforward from the second motion on,
+    as with ask --effort. Default: control in [tracking] of campaign.toml; vehicles always compensate the
+    learned drag."""
     online: bool = False
-    """Test each model also while it goes on learning, behind its guard."""
+    """Also test each model while it continues to learn, limited by its guard."""
     method: str = "variance"
-    """With --online: variance, error, ssgp or sogp."""
+    """Method for --online: variance, error, ssgp or sogp."""
     confirm: bool = False
-    """Then run a motion that is never trained on, without and with the learned feedforward."""
+    """Then run a motion that is never used for training, without and with the learned feedforward."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.simulation import simulate, simulate_confirmation
@@ -124,7 +125,7 @@ def _changes(entries: Sequence[str]) -> dict[str, float]:
             changes[name] = float(value)
         except ValueError:
             raise UsageError(
-                f"{word!r} is no change",
+                f"{word!r} is not a change",
                 where="--change",
                 next_step="Write name=value, such as friction=1.5.",
             ) from None

@@ -14,7 +14,7 @@ from etude.errors import UsageError, typed
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
 LARGEST = 1000.0  # above it a score is told as one, not in digits
-MEND = "Next: restore these files from a copy; a command that needs one of them says what else mends it."
+MEND = "Next: restore these files from a copy; a command that needs one of them states other repairs."
 BASES = {
     "identified": "physics identified from the logs",
     "nominal": "physics of the description",
@@ -27,7 +27,7 @@ MIXED_MEANS = "mixed: several structures, each with its weight in each output."
 
 @dataclass(frozen=True, kw_only=True)
 class Status(Common):
-    """Say how well the model predicts, and whether another trajectory is worth its robot time."""
+    """Show how well the model predicts, and whether another trajectory is worth its robot time."""
 
     folder: Folder
 
@@ -70,20 +70,21 @@ def _lines(facts: Mapping[str, Any]) -> list[str]:
     lines += [*_deployed_model(facts), *_confirmed(facts)]
     if facts["calibration_factor"] is not None:
         factor = facts["calibration_factor"]
-        lines.append(f"Calibration factor {factor:.2f} (z^2 of logs left out; 1 is right).")
+        lines.append(f"Calibration factor {factor:.2f} (z^2 of held-out logs; 1 is ideal).")
     lines += _forecast(facts)
     if facts["next_gain"] is not None:
         lines.append(
-            f"The next trajectory is to remove {100 * facts['next_gain']:.0f} % of the variance left."
+            f"The next trajectory is expected to remove {100 * facts['next_gain']:.0f} % of the remaining "
+            "variance."
         )
     if facts["choice"] is not None and facts["choice"] < NO_MATTER:
         lines.append(
-            "Which motion you run next no longer matters: the best leaves "
-            f"{100 * facts['choice']:.1f} % less variance than the median random one."
+            f"The choice of the next motion no longer matters: the best leaves {100 * facts['choice']:.1f} "
+            "% less variance than the median random one."
         )
     if facts["trajectories"]:
         verdict = facts["verdict"]
-        go_on = "Go on: " if verdict["usable"] else "First mend what is red. "
+        go_on = "Go on: " if verdict["usable"] else "First repair the red findings. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
     lines += faults(facts["known_faults"])
     lines += [f"Look: {one['sentence']}. {one['step']}" for one in facts["proved_otherwise"]]
@@ -108,15 +109,15 @@ def _forecast(facts: Mapping[str, Any]) -> list[str]:
         return [f"{head}{share} (worst axis, while it moves)."]
     slow = any(notice["code"] == Warn.SLOW_MOTION for notice in facts["alerts"])
     return [
-        f"{head}not known of faster motion."
+        f"{head}unknown for faster motion."
         if slow
-        else f"{head}not known of other motion: one log was told."
+        else f"{head}unknown for other motion, because only one log was ingested."
     ]
 
 
 def faults(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """Lines on unsafe files of earlier versions, with the commands that replace them."""
-    return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in rows]
+    return [f"UNSAFE [{one['code']}]: {one['sentence']}Write it again: {one['command']}" for one in rows]
 
 
 def _alerts(facts: Mapping[str, Any]) -> list[str]:
@@ -127,7 +128,7 @@ def _alerts(facts: Mapping[str, Any]) -> list[str]:
 
 def _trajectories(facts: Mapping[str, Any]) -> list[str]:
     if not facts["trajectories"]:
-        return [f"Nothing asked for yet. Next: etude ask {typed(facts['folder'])}"]
+        return [f"No trajectory yet. Next: etude ask {typed(facts['folder'])}"]
     rows = [
         [
             str(t["number"]),
@@ -149,7 +150,7 @@ def _held_out(facts: Mapping[str, Any]) -> list[str]:
     used = f" (selected now: {_in_use(facts)})" if newest and not facts["prequential"] else ""
     return [
         f"nMSE within log {held_out['number']}, blocks {blocks} of {held_out['of']} from the others{used}.",
-        "It says little of another motion, which may err many times as much: tell a second log.",
+        "Errors on other motions may be many times as large: ingest a second log.",
         _by_output(facts, _with_selected(facts, held_out["nmse"])),
         *_at_rest_scores(
             facts, *(_with_selected(facts, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))
@@ -202,9 +203,9 @@ def _describe_structure(structure: str) -> str:
     base, plus, _ = structure.partition("+")
     physics = BASES.get(base, f"{base} physics")
     if base == "gp":
-        return "a Gaussian process alone; outside the visited states it predicts nothing"
+        return "a Gaussian process alone, which predicts nothing outside the visited states"
     if plus:
-        return f"{physics}, with a Gaussian process at the visited states; elsewhere the physics alone"
+        return f"{physics}, with a Gaussian process at the visited states; physics alone elsewhere"
     return f"{physics} alone"
 
 
@@ -243,7 +244,7 @@ def _confirmed(facts: Mapping[str, Any]) -> list[str]:
         unit = one["units"][0] if len(set(one["units"])) == 1 else "own units"
         rows = [[name, *map(in_words, one[key] or none)] for key, name in SHOWN.items()]
         lines += [
-            f"Trajectory {one['number']}, never learned from: mean tracking error ({unit}), feedforward",
+            f"Trajectory {one['number']}, never used for training: mean tracking error ({unit}), feedforward",
             table(["", *one["axes"]], rows),
         ]
     return lines
@@ -256,7 +257,7 @@ def _at_rest_scores(
     scores = {kind: values for kind, values in every.items() if values}
     if not scores or all(values == moving.get(kind) for kind, values in scores.items()):
         return []
-    return ["The same, joints at rest included while others move:", _by_output(facts, scores)]
+    return ["The same, including joints at rest while others move:", _by_output(facts, scores)]
 
 
 def _in_use(facts: Mapping[str, Any]) -> str:

@@ -95,7 +95,7 @@ def run_study(
     taken = inspect.signature(function).parameters
     for option, flag in FLAGS.items():
         if optional.get(option) and option not in taken:
-            raise UsageError(f"{what} {name!r} has no use for {flag}", where=flag, next_step="Leave it out.")
+            raise UsageError(f"{what} {name!r} does not take {flag}", where=flag, next_step="Leave it out.")
     function(**options, **more, **{key: value for key, value in optional.items() if key in taken})
 
 
@@ -103,7 +103,7 @@ def require_studies(what: str = "study") -> None:
     """UsageError with the command that installs them: there are none. what: the command that needs them."""
     if not plugins.names(GROUP):
         raise UsageError(
-            f"the {BROUGHT[what]} are in a package of their own, etude-studies, which is not installed",
+            f"the {BROUGHT[what]} are in a separate package, etude-studies, which is not installed",
             where=f"etude {what}",
             next_step="In a checkout of Étude: pip install ./packages/etude-studies",
         )
@@ -156,67 +156,67 @@ def _study_names(what: str) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Common):
-    """Tables, figures and claims of the thesis, and other studies: list them, run one, show what is known of
-    one, or write all as pages.
-    """
+    """Tables, figures and claims of the thesis, and other studies: list them, run or show one, or write pages
+    of all."""
 
     prints: ClassVar[bool] = True
 
     action: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="list|run|show|report")]
-    """list: every id with its seeds and verdict; run ID: compute it, or go on where it was stopped; show ID:
-    the numbers that come with Étude; report: pages of all of them."""
+    """list: every id with its seeds and verdict; run ID: compute it, or continue an interrupted run; show ID:
+    the results that come with Étude; report: pages of all results."""
 
     id: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ID")] = ""
-    """What to run or show: table-6.9, figure-5.1, C6.2-3, thesis, or another study."""
+    """Study to run or show: table-6.9, figure-5.1, C6.2-3, thesis, or another one."""
 
     seed: int = 0
     """The first seed."""
 
     seeds: int | None = None
-    """How many seeds, counted from the first; as many as are planned if not given."""
+    """Number of seeds, counted from the first. Default: as planned for the study."""
 
     folder: Path = Path("results")
-    """Where results are kept; what was interrupted goes on from there."""
+    """Folder of the results. An interrupted run continues from it."""
 
     workers: int | None = None
-    """Processes; one a core if not given."""
+    """Number of processes. Default: one per core."""
 
     cluster: str = ""
-    """tcp://host:port of a Dask scheduler that computes instead of this machine."""
+    """tcp://host:port of a Dask scheduler, to compute there."""
 
     shard: str = ""
-    """i/n: only the i-th of n parts, for the array jobs of a batch system."""
+    """i/n: only part i of n, for array jobs of a batch system."""
 
     method: str = ""
-    """module:factory of a model, kernel or criterion of yours, in the place of the one of each row."""
+    """module:factory of your model, kernel or criterion, in place of the method of each row."""
 
     logs: Path | None = None
-    """Compute a table of models (6.1 to 6.9) on this recorded log of an arm instead; --seeds counts folds."""
+    """Compute a table of models (6.1 to 6.9) on this recorded log of an arm instead. --seeds is then the
+    number of folds."""
 
     robot: Path | None = None
-    """Its robot.toml; FOLDER.toml beside the log if not given."""
+    """robot.toml of that log. Default: FOLDER.toml beside the log."""
 
     limit_s: float | None = None
-    """Seconds that one run may take before it is ended and reported."""
+    """Time limit of one run in seconds. A run that exceeds it is stopped and reported."""
 
     go_on: bool = False
-    """Take the results that come with Étude as done."""
+    """Do not compute again the results that come with Étude."""
 
     output: Path = Path("study-site")
-    """Where report writes its pages."""
+    """Folder for the pages of report."""
 
     paper: Path | None = None
-    """With report: also write every table and curve as PDF and SVG for publications into this folder."""
+    """report: also write every table and curve as PDF and SVG into this folder."""
 
     update: bool = False
-    """With report, for maintainers: commit the results of the folder to the sources first."""
+    """report, for maintainers: first copy the results of the folder into the sources."""
 
     serve: bool = False
-    """With report: show the pages in a browser of this machine instead, with the results that the folder has
-    so far, until Ctrl-C; nothing is written."""
+    """report: show the pages in a browser on this machine, with the results so far, until Ctrl-C. No file is
+    written."""
 
     port: int | None = None
-    """Of --serve; a free one if not given."""
+    """Port for --serve. Default: a free one."""
 
     def run(self, say: Say) -> Outcome:
         require_studies()
@@ -238,7 +238,11 @@ class Study(Common):
 
     def _run_one(self, name: str) -> Outcome:
         if self.seeds is not None and self.seeds < 1:
-            raise UsageError(f"{self.seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
+            raise UsageError(
+                f"the number of seeds must be 1 or more, not {self.seeds}",
+                where="--seeds",
+                next_step="Give 1 or more.",
+            )
         options = {"json": self.json, "seed": self.seed, "seeds": SEEDS if self.seeds is None else self.seeds}
         run_study("study", name, options, {"method": self.method}, folder=self.folder / name)
         return Outcome("")
@@ -282,27 +286,27 @@ def _short(text: str, room: int) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench(Common):
-    """Measure a part of Étude against what its machine can do at best."""
+    """Measure the speed or accuracy of a part of Étude."""
 
     prints: ClassVar[bool] = True
 
     name: Annotated[str, tyro.conf.Positional]
-    """Which one; an unknown name lists them."""
+    """Name of the bench. An unknown name lists all."""
 
     seed: int = 0
-    """Of every random number."""
+    """Seed of all random numbers."""
 
     quick: bool = False
-    """Fewer seeds, where a bench has several: all figures of `models` within three minutes. In `gp` the other
-    libraries only up to n = 1000."""
+    """Fewer seeds, in benches with several: all figures of models within three minutes. gp: other libraries
+    only up to n = 1000."""
 
     python: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """The interpreter of another environment, for libraries that `gp` compares with and that are not in this
-    one; can be given several times. They are timed in a process of their own."""
+    """Interpreter of another environment, for libraries that gp compares with and that are not installed
+    here. They are timed in a separate process. Can be given several times."""
 
     logs: Path | None = None
-    """Folder with recordings that are not part of the project, for `models`, `truth`, `changed`
-    and `watch`: docs/real_logs.md."""
+    """Folder with recordings that are not part of the project, for the benches models, truth, changed and
+    watch (docs/real_logs.md)."""
 
     def run(self, _: Say) -> Outcome:
         options = {"json": self.json, "seed": self.seed}

@@ -18,40 +18,42 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Tell(Common):
-    """Take in logs and learn them in one training. Any order, any delay; the same log twice changes nothing.
+    """Ingest logs and train the model once with all of them, in any order and at any time.
 
-    Of several files, one that cannot be used does not stop the others: the table says what became of each,
-    and the exit code is then 3. Exit code 6: a log waits for an answer, since the robot has changed.
+    A log that was ingested before changes nothing. A file that cannot be used does not stop the others: a
+    table shows the result for each, and the exit code is 3. Exit code 6: a log waits for an answer, because
+    the robot has changed.
     """
 
     folder: Folder
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
-    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an
-    arm positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if
-    known position and attitude."""
+    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and named measurements. Arms: positions and
+    commands of every joint. Quadrotors: accelerometer, gyroscope and commands, and position and attitude if
+    known."""
     number: int | None = None
-    """The trajectory that was run; else the newest open one that the motion fits. For one log."""
+    """Number of the trajectory that was run, for one log. Default: the newest open one that the motion
+    fits."""
     foreign: bool = False
-    """The log answers no proposal."""
+    """The log belongs to no proposal."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
     accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose question is answered with: take the log as it is. Can be given several times."""
+    """Name of a check: use the log without a repair. Can be given several times."""
     repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A check whose question is answered with: put it right. Can be given several times."""
+    """Name of a check: repair the log. Can be given several times."""
     topic: tuple[str, ...] = ()
-    """Topics of a bag to read, joined by time; none: those with joint states."""
+    """Topics of a bag to read, joined by time. Default: all topics with joint states."""
     changed: Literal["new", "forget", "same", ""] = ""
-    """The answer for a log that is not of the robot that the model knows: new learns from it and those to
-    come alone, forget sets it aside, same learns it with the others. Without a log: for those that wait."""
+    """Answer for a log that does not fit the robot that the model knows. new: learn from this log and later
+    ones only; forget: exclude it; same: learn it with the others. Without a log: for all logs that wait."""
 
     confirm: Literal["without", "with", ""] = ""
-    """The log is of a motion that confirms (etude ask --confirm), run without or with the feedforward: it is
-    measured, and nothing learns from it."""
+    """The log is of a motion of etude ask --confirm, run without or with the feedforward. It is measured and
+    never used for training."""
 
     control: Literal["feedback", "file", "learned", ""] = ""
-    """What the motion was run under: feedback alone, or beside it the feedforward of the robot file's model,
-    or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
+    """Control during the motion: feedback alone, or feedback with the feedforward of the robot file's model
+    or of the learned model. Default: as planned. Each control has its own tracking margins."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ingest.tell import IngestedFile, tell, tell_many
@@ -80,7 +82,7 @@ class Tell(Common):
                 code_of(changed=result.awaits_answer),
             )
         if self.number is not None:
-            raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
+            raise UsageError("--number is for one log", next_step="Ingest that log alone.")
         many = tell_many(campaign, self.logs, **options)
         data = {
             "files": [_file(file) for file in many.files],
@@ -95,18 +97,19 @@ class Tell(Common):
 
 def _lines(result: IngestResult) -> list[str]:
     if result.run:
-        before = " was told before" if result.repeated else ""
+        before = " was ingested before" if result.repeated else ""
         return [
-            f"Run {result.run} the feedforward of trajectory {result.number}{before}: measured, not learned."
+            f"Run {result.run} the feedforward of trajectory {result.number}{before}: measured, not used "
+            "for training."
         ]
-    what = "a recording of its own" if result.foreign else "the answer to that proposal"
-    first = f"Log {result.number} ({what}) was told before." if result.repeated else ""
+    what = "a log without a proposal" if result.foreign else "the log of that proposal"
+    first = f"Log {result.number} ({what}) was ingested before." if result.repeated else ""
     lines = [first or f"Log {result.number} stored, {what}."]
     if result.repairs:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in result.repairs)]
     lines += [result.start] if result.start else []
     lines += _awaiting_answer(result)
-    lines += [f"Log {result.number} is set aside: nothing learns from it."] if result.excluded else []
+    lines += [f"Log {result.number} is excluded from training."] if result.excluded else []
     return [*lines, *_learned(result.learned), *(f"Warning: {notice}" for notice in result.warnings)]
 
 
@@ -115,7 +118,7 @@ def _awaiting_answer(result: IngestResult) -> list[str]:
     if not result.awaits_answer:
         return []
     parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in result.findings if f.flag]
-    return [f"Log {result.number} is not learned yet.", *parts]
+    return [f"Log {result.number} is not used for training yet.", *parts]
 
 
 def _learned(numbers: tuple[int, ...]) -> list[str]:
@@ -185,7 +188,7 @@ class NumberedCommand(Common):
 
     folder: Folder
     number: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="NUMBER")]
-    """Of the trajectory, which is that of its log: etude status FOLDER lists them."""
+    """Number of the trajectory and of its log, as etude status FOLDER lists it."""
 
     def outcome(self, what: str, done: str, changed: bool) -> Outcome:
         """What was done to it, or had been done before."""
@@ -195,7 +198,8 @@ class NumberedCommand(Common):
 
 @dataclass(frozen=True, kw_only=True)
 class Untell(NumberedCommand):
-    """Take back a log that was told by mistake: the model is trained without it, its proposal open again."""
+    """Remove a log that was ingested by mistake: the model is trained without it, and its proposal is open
+    again."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ingest.tell import untell
@@ -205,7 +209,7 @@ class Untell(NumberedCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class Abandon(NumberedCommand):
-    """Give a trajectory up: its log will never come, or must not be used. Telling it takes that back."""
+    """Close a trajectory whose log will never come or must not be used. Ingesting its log opens it again."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ingest.tell import abandon

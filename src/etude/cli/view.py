@@ -9,13 +9,14 @@ from etude.cli.outcome import Common, Folder, Outcome, Say, opened
 
 @dataclass(frozen=True, kw_only=True)
 class View(Common):
-    """Show a motion before the robot moves: view.html, one file that opens offline, with the robot in space,
-    what stands around it, what it sweeps, and how near it comes.
+    """Show a motion before the robot moves: view.html, one file that opens offline.
+
+    The page shows the robot in space, the obstacles, the swept range, and the least distances.
     """
 
     folder: Folder
     proposal: int | None = None
-    """Number of the trajectory; the newest if not given."""
+    """Number of the trajectory. Default: the newest."""
 
     def run(self, say: Say) -> Outcome:
         from etude.report.space import describe_nearest, write_view

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude.deploy.c99.header import CForm
-    from etude.deploy.c99.plan import Plan, planned
-    from etude.deploy.c99.target import Files, c_files
     from etude.deploy.feedforward import MotionWithCommands
     from etude.deploy.model_states import log_of
-    from etude.deploy.onnx.model_graph import Graph, parts_of, written
-    from etude.deploy.onnx.target import graph_inputs, session
     from etude.deploy.playback_certificate import certified_playback, certify_played
+    from etude.deploy.targets.c99.header import CForm
+    from etude.deploy.targets.c99.plan import Plan, planned
+    from etude.deploy.targets.c99.target import Files, c_files
+    from etude.deploy.targets.onnx.model_graph import Graph, parts_of, written
+    from etude.deploy.targets.onnx.target import graph_inputs, session
     from etude.deploy.trajectory_files import csv_bytes, read_table
 
 __all__ = [

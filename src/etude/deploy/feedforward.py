@@ -11,7 +11,7 @@ import numpy as np
 from etude._runtime.rounding import whole_down
 from etude.abilities import SupportsAccelerations
 from etude.errors import UsageError
-from etude.limits.convex_limits import TiltLimit
+from etude.limits.motion_limits import TiltLimit
 from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Mask
 

@@ -20,7 +20,7 @@ from etude.deploy.feedforward import (
 )
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, rows_of, slack
-from etude.limits.convex_limits import TiltLimit
+from etude.limits.motion_limits import TiltLimit
 from etude.protocols import Exporter, Kind, Limit, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Proof

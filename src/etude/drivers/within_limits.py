@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.drivers.contract import About, PlannedMotion, VelocityEnvelope
-from etude.limits.convex_limits import envelope_speed
+from etude.limits.motion_limits import envelope_speed
 from etude.types import Array
 
 SLACK = 1e-6

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
         utilization,
     )
     from etude.limits.commands import CommandLimit
-    from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
     from etude.limits.feasible import Block, FeasibleSet
     from etude.limits.lead_ins import at_rest
-    from etude.limits.limit_tables import LimitTable, made_limits, read_limits
     from etude.limits.lipschitz import LipschitzLimit
+    from etude.limits.motion_limits import AxisLimit, NormLimit, TiltLimit
+    from etude.limits.robot_file_limits import LimitTable, made_limits, read_limits
     from etude.limits.samplers import SAMPLERS, boundary, scaled, timid, uniform
     from etude.limits.tracking_margins import HELD, HIDDEN, Ranges, TrackingConfig, margins_of, within_room
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from etude.errors import EtudeError, UsageError
 from etude.limits.certificate import memoized
-from etude.limits.convex_limits import STRAYS, STRAYS_HOW, bound_of, tracked
+from etude.limits.motion_limits import STRAYS, STRAYS_HOW, bound_of, tracked
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Margins, Motion, Proof, Thing
 

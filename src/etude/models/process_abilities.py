@@ -97,7 +97,7 @@ class SupportsOnnxMoments(Protocol):
     def onnx_moments(self, graph: Any, x: str, own: Sequence[Any], variance: bool) -> tuple[str, str]:
         """Means and latent variances (n, m) of the posteriors `own` at x (n, D); "" if not asked for.
 
-        graph: a `deploy.onnx.model_graph.Graph`.
+        graph: a `deploy.targets.onnx.model_graph.Graph`.
         """
         ...
 

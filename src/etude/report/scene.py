@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from etude.abilities import SupportsDrawing, SupportsFigure
-from etude.limits.convex_limits import AxisLimit, NormLimit
+from etude.limits.motion_limits import AxisLimit, NormLimit
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours

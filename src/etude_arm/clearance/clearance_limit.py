@@ -27,7 +27,7 @@ import numpy as np
 
 from etude.codes import Notice, Warn
 from etude.limits.certificate import COLLISIONS, memoized
-from etude.limits.convex_limits import AxisLimit, tracked
+from etude.limits.motion_limits import AxisLimit, tracked
 from etude.limits.tracking_margins import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from etude.abilities import SupportsBoxes
-from etude.limits.limit_tables import made_limits
+from etude.limits.robot_file_limits import made_limits
 from etude.types import Array, Margins, Mask, Proof, Reachable
 from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.collision_scene import from_file, with_floor

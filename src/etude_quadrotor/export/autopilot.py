@@ -9,10 +9,10 @@ from importlib import resources
 from typing import Any
 
 from etude._runtime.options import taken
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.source import drag_files
-from etude.deploy.c99.target import BARE, Files, cheaper_options, checked_files, options_sentence
+from etude.deploy.targets.c99.header import CForm
+from etude.deploy.targets.c99.plan import Plan
+from etude.deploy.targets.c99.source import drag_files
+from etude.deploy.targets.c99.target import BARE, Files, cheaper_options, checked_files, options_sentence
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered

@@ -54,8 +54,8 @@ def test_folders_of_meshes_are_taken_along(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("robot", "options", "words"),
     [
-        ("urdf", ["--hold", "elbow"], "'elbow' is no joint=position"),
-        ("urdf", ["--hold", "=1"], "'=1' is no joint=position"),
+        ("urdf", ["--hold", "elbow"], "'elbow' does not have the form joint=position"),
+        ("urdf", ["--hold", "=1"], "'=1' does not have the form joint=position"),
         ("urdf", ["--joints", "knee"], "no moving joint knee"),
         ("quadrotor", ["--joints", "knee"], "'quadrotor' has no joints to choose from"),
         ("arm4", ["--joints", "waist"], "robot file says itself which joints move"),
@@ -95,8 +95,8 @@ def test_a_range_of_ones_own_is_no_assumption(tmp_path: Path, capsys: pytest.Cap
     for wrong, words in (
         ("shoulder=-3:1", "shoulder is not within the file's own, -1.5..2"),
         ("knee=-3:1", "no moving joint knee"),
-        ("wrist=1", "'wrist=1' is no joint=lower:upper"),
-        ("wrist=2:1", "'wrist=2:1' is no joint=lower:upper"),
+        ("wrist=1", "'wrist=1' does not have the form joint=lower:upper"),
+        ("wrist=2:1", "'wrist=2:1' does not have the form joint=lower:upper"),
     ):
         assert main(["init", str(tmp_path / "other"), "--robot", str(urdf), "--range", wrong]) != 0
         assert words in capsys.readouterr().err
@@ -112,6 +112,9 @@ def test_limits_that_a_file_has_no_place_for_come_from_the_command_line(
     spec = etude.open_campaign(lab).spec
     assert spec.velocity.tolist() == [0.5, 0.7]
     assert spec.command[1] == 3.0 != spec.command[0]
-    for wrong, words in (("0.5", "'0.5' is no joint=limit"), ("knee=1", "no moving joint knee")):
+    for wrong, words in (
+        ("0.5", "'0.5' does not have the form joint=limit"),
+        ("knee=1", "no moving joint knee"),
+    ):
         assert main(["init", str(tmp_path / "other"), "--robot", str(urdf), "--velocity", wrong]) == 2
         assert words in capsys.readouterr().err

@@ -211,9 +211,9 @@ def test_an_output_that_nothing_tells_of_stands_at_the_top(
         said = capsys.readouterr().out
         if number == 1:
             assert "RED" not in said
-            assert "tell a second log" in said
+            assert "ingest a second log" in said
     assert said.startswith("RED: knee: on 2 motions, each predicted from the others, a constant would have")
-    assert "First mend what is red." in said
+    assert "First repair the red findings." in said
 
 
 def test_red_comes_before_yellow() -> None:

@@ -168,6 +168,10 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
     slowed = there_and_back(motion, pose, approach, [limit(AxisLimit), slow], np.array([0.0, 0.8]))
     assert slowed is not None
     assert slowed.approach.duration == pytest.approx(32.0 * free.approach.duration)
+    half = there_and_back(motion, pose, approach, [limit(AxisLimit)], np.array([0.0, 0.8]), speed=50.0)
+    assert half is not None
+    assert half.approach.duration == pytest.approx(2.0 * free.approach.duration)
+    assert half.back.duration == pytest.approx(2.0 * free.back.duration)
     with pytest.raises(UnsafeTrajectoryError, match="'x' may reach 9"):
         there_and_back(motion, pose, approach, [limit(Barred)], np.array([0.0, -0.8]))
 

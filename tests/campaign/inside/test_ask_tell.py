@@ -239,7 +239,7 @@ class TestTell:
         told(campaign, log_of(campaign, 1, tmp_path))
         again = inspect(log_of(campaign, 1, tmp_path), campaign.path)
         assert not again.refused
-        assert again.findings[-1].sentence == "This log was told before, as 1."
+        assert again.findings[-1].sentence == "This log was ingested before, as 1."
 
     def test_a_foreign_log_starts_a_campaign(self, campaign: Campaign, tmp_path: Path) -> None:
         result = told(campaign, write_log(tmp_path / "old.csv", random_motion(campaign, 1)))

@@ -103,7 +103,7 @@ def test_forget_sets_it_aside(fresh: Campaign, waiting: Path, capsys: Any) -> No
     told = tell(fresh, waiting, changed="forget")
     assert (told.learned, told.excluded, told.awaits_answer) == ((), True, False)
     assert main(["tell", str(fresh.path), str(waiting)]) == 0
-    assert f"Log {told.number} is set aside: nothing learns from it." in capsys.readouterr().out
+    assert f"Log {told.number} is excluded from training." in capsys.readouterr().out
     assert learned(fresh) == [1, 2, 3]
     assert status(fresh)["trajectories"][3]["standing"] == "set aside"
     assert tell(fresh, waiting).repeated
@@ -146,7 +146,7 @@ def test_the_command_asks_and_a_script_is_told(
     assert main(["tell", str(fresh.path), str(waiting), str(tmp_path / "bad.csv")]) == 6
     assert main(["tell", str(fresh.path), str(tmp_path / "bad.csv")]) == 3
     capsys.readouterr()
-    assert "Log 4 is not learned yet." in text
+    assert "Log 4 is not used for training yet." in text
     assert "--changed forget" in text
     assert main(["tell", str(fresh.path), "--changed", "forget", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["learned"] == []

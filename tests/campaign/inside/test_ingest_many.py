@@ -107,9 +107,9 @@ def test_told_twice_is_told_once(campaign: Campaign, mixed: list[Path]) -> None:
     before = campaign.events()
     found = many(campaign, [*mixed, *mixed])
     assert set(outcomes(found).values()) == {
-        "told before, as 1",
-        "told before, as 2",
-        "told before, as 3",
+        "ingested before, as 1",
+        "ingested before, as 2",
+        "ingested before, as 3",
         "refused",
     }
     assert len(found.files) == len(mixed)
@@ -223,6 +223,6 @@ def test_the_command_says_what_became_of_each(
     assert data["files"][3]["refused"]["fact"]
     assert data["learned"] == [1, 2, 3]
     assert main(["tell", str(campaign.path), *map(str, mixed[:2])]) == 0
-    assert "run1.csv  told before, as 1\n" in capsys.readouterr().out
+    assert "run1.csv  ingested before, as 1\n" in capsys.readouterr().out
     assert main(["untell", str(campaign.path), "3"]) == 0
     assert main(["tell", str(campaign.path)]) == 2

@@ -129,7 +129,7 @@ def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
     assert "nMSE within log 1, blocks 3, 8, 13, 18 of 20 from the others" in said
-    assert "tell a second log" in said
+    assert "ingest a second log" in said
 
 
 def test_the_stored_model_predicts(learned: Campaign) -> None:

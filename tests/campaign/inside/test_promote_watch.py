@@ -190,7 +190,9 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
         "4 are needed"
     )
     assert main(["promote", str(fresh.path)]) == 3
-    assert f"Next: etude ask {fresh.path} --continue, and tell its log." in capsys.readouterr().out
+    assert (
+        f"Next: etude ask {fresh.path} --continue, then run it and ingest its log." in capsys.readouterr().out
+    )
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
     from etude.campaign import ingested_samples
     from etude.campaign.record.stored_models import LEFT_OUT

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping
@@ -360,6 +361,19 @@ def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
     np.testing.assert_allclose(start, [0.5, -0.3])
     assert not any("from_home" in one for one in _look(copy))
     assert _whole(open_campaign(copy)).approach.renewed == ()  # type: ignore[union-attr]
+
+
+def test_following_what_status_prints_proves_every_folder_again(copy: Path) -> None:
+    """Each form of the open motion has a folder: slower, from a pose, for a receiver."""
+    ask(open_campaign(copy), go_on=True, speed=50, start="turn=0.1,lift=0.2", formats=(FORMAT,))
+    robot = copy / "robot.toml"
+    robot.write_text(re.sub(r"(?m)^acceleration = .*$", "acceleration = 4.5", robot.read_text()))
+    notices = status(open_campaign(copy))["proved_otherwise"]
+    assert len(notices) == 6
+    for notice in notices:
+        words = shlex.split(notice["step"].partition(": ")[2])
+        assert cli.main(words[1:]) == 0, words
+    assert not _look(copy)
 
 
 def _look(path: Path) -> list[str]:

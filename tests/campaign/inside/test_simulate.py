@@ -169,8 +169,8 @@ def test_the_command_ends_in_what_may_be_done_next(arm: Campaign, capsys: pytest
 
 def test_changes_that_are_none(arm: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     for word, said in (
-        ("payload", "is no change"),
-        ("friction=much", "is no change"),
+        ("payload", "is not a change"),
+        ("friction=much", "is not a change"),
         ("wind=3", "no 'wind'"),
     ):
         assert main(["simulate", str(arm.path), "--rounds", "0", "--change", word]) == 2

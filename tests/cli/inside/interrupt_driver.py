@@ -54,7 +54,7 @@ DELAYS = (0.005, 0.05, 0.3)
 last one often falls into learning or designing."""
 INTERRUPTED = 130
 """What a shell expects of a command that Ctrl-C ended."""
-KEPT = "Everything that was committed is kept"
+KEPT = "All stored data is kept"
 
 
 def brief(campaign: Campaign) -> None:

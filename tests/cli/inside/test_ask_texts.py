@@ -20,7 +20,7 @@ def test_a_table_of_distances_keeps_to_80_columns_however_long_their_places_are(
     own, told = lines[0].splitlines(), lines[1:]
     assert max(map(len, own)) <= 80
     assert own[1].split() == ["flange", "and", "upper_forearm", "0.0123", "0.01"]
-    assert told == ["Where they come nearest:", f"  - flange and upper_forearm: {PLACE}"]
+    assert told == ["Places of the least distances:", f"  - flange and upper_forearm: {PLACE}"]
 
 
 def test_rows_of_segments_and_links_say_which_they_are_of() -> None:

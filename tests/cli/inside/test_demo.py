@@ -44,7 +44,7 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
 
 
 def test_an_arm_cannot_be_the_quadrotor_and_nothing_is_made(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="'arm4' is of the kind 'arm'"):
+    with pytest.raises(UsageError, match="'arm4' has the kind 'arm'"):
         demo.run(tmp_path / "lab", "quadrotor", "arm4", 1, 0, lambda _: None)
     with pytest.raises(UsageError, match="1 round or more"):
         demo.run(tmp_path / "lab", "quadrotor", None, 0, 0, lambda _: None)

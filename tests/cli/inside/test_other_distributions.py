@@ -31,7 +31,7 @@ def test_another_distribution_with_a_package_etude_is_named(
     said = capsys.readouterr()
     assert said.out == f"etude {etude.__version__}\n"
     assert "etude-sdk 0.2.6" in said.err
-    assert "environment of its own" in said.err
+    assert "separate environment" in said.err
     assert cli.main(["doctor"]) == 1
     assert "etude-sdk 0.2.6" in capsys.readouterr().out
 

@@ -14,7 +14,7 @@ from certificate_schema import valid
 from etude import plugins
 from etude.deploy import read_table
 from etude.deploy.exporters.knots import EFFORT_RATE
-from etude.deploy.trajectory_target import ALONG, MotionWithLimits
+from etude.deploy.targets.trajectory import ALONG, MotionWithLimits
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.testing import World, world
 

@@ -12,7 +12,7 @@ from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadr
 
 from compilers import FAST, SANITIZED, STRICT, run, tool
 from etude.deploy import CForm, c_files, log_of, planned
-from etude.deploy.c99.self_test import golden_vectors
+from etude.deploy.targets.c99.self_test import golden_vectors
 from etude.models import LearnedModel
 
 WAVES = 12

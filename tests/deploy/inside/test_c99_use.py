@@ -21,11 +21,11 @@ from c_models import (
 
 from compilers import FAST, STRICT, run, tool
 from etude.deploy import CForm, c_files
-from etude.deploy.c99.plan import identifier, identifiers
-from etude.deploy.c99.self_test import expected_outputs, golden_vectors
-from etude.deploy.c99.source import numbers, prelude
-from etude.deploy.c99.target import C99, built, compiler, single_member
-from etude.deploy.ros2.target import ROS2
+from etude.deploy.targets.c99.plan import identifier, identifiers
+from etude.deploy.targets.c99.self_test import expected_outputs, golden_vectors
+from etude.deploy.targets.c99.source import numbers, prelude
+from etude.deploy.targets.c99.target import C99, built, compiler, single_member
+from etude.deploy.targets.ros2.target import ROS2
 from etude.errors import EtudeError, UsageError
 from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
@@ -240,15 +240,15 @@ def test_float_is_refused_where_it_would_be_wrong() -> None:
 
 
 def test_options_that_a_target_does_not_know_are_refused(model: LearnedModel) -> None:
-    with pytest.raises(UsageError, match="--to c has no option --colour") as error:
+    with pytest.raises(UsageError, match="--to c has no option --set colour=VALUE") as error:
         C99(model, ARM, arm_spec(), {"colour": "red"})
-    assert "--variance" in error.value.next_step
+    assert "--variance, --no-fade, --single, --rate" in error.value.next_step
     with pytest.raises(UsageError, match="double or float"):
         C99(model, ARM, arm_spec(), {"real": "half"})
 
 
 def test_a_rate_that_nothing_keeps_is_refused_before_it_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: pytest.fail("compiled"))
+    monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: pytest.fail("compiled"))
     both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
     with pytest.raises(UsageError, match="more than the 10 us at 100000 Hz") as error:
         C99(both, ARM, arm_spec(), {"rate": 100000.0})
@@ -261,12 +261,12 @@ def test_a_rate_that_nothing_keeps_is_refused_before_it_is_compiled(monkeypatch:
     assert float(ways.split("candidate alone: about ")[1].split()[0]) == pytest.approx(single, rel=0.2)
     assert single < whole
     assert float(ways.split("--no-fade takes about ")[1].split()[0]) < whole
-    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+    monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
     assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
 
 
 def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+    monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
     both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
     said = {one: C99(both, ARM, arm_spec(), {"single": one}).said for one in (True, False)}
     alone, whole = (next(_us(s) for s in said[one] if "call takes" in s) for one in (True, False))
@@ -277,6 +277,8 @@ def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: 
     (why,) = (s for s in found.said if "is written alone" in s)
     assert float(why.split()[3]) == pytest.approx(whole, rel=0.2)
     assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
+    (apart,) = (s for s in found.said if s.startswith("etude predict averages the candidates."))
+    assert any(float(word) > 0.0 for word in re.findall(r"(\S+) pwm", apart))
     # where no rate is named all of them are written, and where none keeps it the points that would are said
     assert found.files != C99(both, ARM, arm_spec(), {}).files
     with pytest.raises(UsageError) as error:
@@ -289,10 +291,10 @@ def _us(said: str) -> float:
 
 
 def test_the_time_of_a_call_is_told_where_no_rate_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+    monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
     model = arm_model("exact", "ard_se", points=24)
     assert any("of the time at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
-    monkeypatch.setattr("etude.deploy.c99.target.CLOCK", 1e6)
+    monkeypatch.setattr("etude.deploy.targets.c99.target.CLOCK", 1e6)
     assert any("more than the 1000 us at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
 
 
@@ -419,7 +421,7 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
 def test_a_compiler_that_takes_too_long_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     if not compiler():
         pytest.skip("no C compiler on this machine")
-    monkeypatch.setattr("etude.deploy.c99.target.LONGEST_S", 1e-4)
+    monkeypatch.setattr("etude.deploy.targets.c99.target.LONGEST_S", 1e-4)
     with pytest.raises(EtudeError, match="was not done with the exported model") as told:
         built("slow", {"slow.c": b"int one(void) { return 1; }\n"}, 0)
     assert "--single" in str(told.value.next_step)

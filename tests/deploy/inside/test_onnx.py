@@ -21,8 +21,8 @@ from c_models import (
 )
 
 from etude.deploy import CForm, c_files, graph_inputs, parts_of, written
-from etude.deploy.onnx import target
-from etude.deploy.onnx.target import ONNX, run_rows
+from etude.deploy.targets.onnx import target
+from etude.deploy.targets.onnx.target import ONNX, run_rows
 from etude.errors import EtudeError, UsageError
 from etude.models import (
     LearnedModel,

@@ -14,8 +14,8 @@ from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model, quadr
 
 from compilers import run, tool
 from etude.deploy import planned
-from etude.deploy.c99.self_test import expected_outputs
-from etude.deploy.ros2.target import ROS2
+from etude.deploy.targets.c99.self_test import expected_outputs
+from etude.deploy.targets.ros2.target import ROS2
 from etude.errors import UsageError
 from etude.types import Array, Delivered
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.convex_limits import slabs
+from etude.limits.motion_limits import slabs
 
 
 def test_a_slab_holds_what_is_within_half_of_its_middle() -> None:

@@ -131,7 +131,7 @@ def test_trust_is_one_command_and_this_users(
     assert cli.main(["status", str(copy)]) == 2
     assert cli.main(["status", str(copy), "--trust"]) == 0
     assert cli.main(["status", str(copy)]) == 0
-    assert "Trusted from now on" in capsys.readouterr().err
+    assert "is trusted from now on" in capsys.readouterr().err
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "another"))
     assert cli.main(["status", str(copy)]) == 2
     assert not ran(tmp_path)

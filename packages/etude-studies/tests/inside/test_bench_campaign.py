@@ -30,7 +30,7 @@ def test_every_number_of_logs_and_joints_has_its_rows(
     assert {row.metric for row in rows} == {
         f"{word}_{name}{end}" for word in ("tell", "ask") for name in names for end in ("", "_memory")
     }
-    assert ("tell", max(LOGS) - 1) in asked, "all others are told before"
+    assert ("tell", max(LOGS) - 1) in asked, "all others are ingested before"
     assert asked.count(("tell", 1)) >= len(names), "the last by itself"
     assert len(json.loads(capsys.readouterr().out)["rows"]) == len(rows)
 

@@ -20,7 +20,7 @@ from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
 from etude.campaign.record.stored_models import ingested_samples, stored_log
-from etude.deploy.trajectory_target import MotionWithLimits
+from etude.deploy.targets.trajectory import MotionWithLimits
 from etude.errors import EtudeError, UsageError
 from etude.progress import counted, part
 from etude.protocols import Target, Trajectory
@@ -205,7 +205,10 @@ def given(**options: Any) -> dict[str, Any]:
     for word in values.pop("more", ()):
         name, equals, value = word.partition("=")
         if not (name and equals):
-            raise UsageError(f"--set takes NAME=VALUE, not {word!r}")
+            raise UsageError(
+                f"--set takes NAME=VALUE, not {word!r}",
+                next_step="Write a name, = and a value, without blanks.",
+            )
         name = name.replace("-", "_")
         if name in values:
             raise UsageError(

@@ -341,7 +341,7 @@ def _proposal(log: Log, campaign: Campaign | None, path: Path) -> Sequence[Findi
         return ()
     earlier = state.round_of_log(sha256_of_log(path))
     if earlier is not None:
-        return (Finding("proposal", "green", f"This log was told before, as {earlier.number}."),)
+        return (Finding("proposal", "green", f"This log was ingested before, as {earlier.number}."),)
     answered = answered_proposal(campaign, state, log)
     if answered is None:
         return ()

@@ -114,7 +114,7 @@ def finished(
 def check_same_number(earlier: Round, number: int | None, path: Path) -> None:
     if number is not None and number != earlier.number:
         raise UsageError(
-            f"this log was told before, as the answer to trajectory {earlier.number}, not {number}",
+            f"this log was ingested before, as the answer to trajectory {earlier.number}, not {number}",
             where=str(path),
             next_step=f"To take that back: etude untell FOLDER {earlier.number}.",
         )
@@ -437,7 +437,11 @@ class IngestedFile:
         if self.ingested.run:
             return f"run {self.ingested.run} the feedforward of {self.ingested.number}, not learned"
         first = (
-            "told before" if self.ingested.repeated else "foreign" if self.ingested.foreign else "answered"
+            "ingested before"
+            if self.ingested.repeated
+            else "foreign"
+            if self.ingested.foreign
+            else "answered"
         )
         number = (
             f"{first} {self.ingested.number}"

@@ -19,7 +19,7 @@ from etude.campaign.propose.proposal import reachable
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored_files import settle
+from etude.campaign.record.stored_files import FULL, settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
 from etude.design.chain_design import Approaches
 from etude.errors import UnsafeTrajectoryError, UsageError, typed
@@ -59,7 +59,13 @@ class Approached:
 
 
 def approached(
-    campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, constraints: Constraints
+    campaign: Campaign,
+    number: int,
+    motion: Trajectory,
+    folder: Path,
+    start: str,
+    constraints: Constraints,
+    speed: int = FULL,
 ) -> Approached:
     """Writes the approach from `start` to the motion and the return; writes them anew if they have changed.
 
@@ -68,7 +74,7 @@ def approached(
     Args:
         campaign: the folder. number: of the proposal. motion: to be run. folder: of the motion's files.
         start: "home", for flights "ground", joint=value for every joint, or a CSV whose last row is the pose.
-        constraints: those of the proposal.
+        constraints: those of the proposal. speed: per cent, of the motion; the approach has it too.
 
     Raises:
         UsageError: the pose is unknown or outside the limits, the kind has no approaches, or a file was
@@ -76,7 +82,7 @@ def approached(
         UnsafeTrajectoryError: no approach is proved, straight or by home; nothing is written.
     """
     try:
-        pose, paths, made = prepared(campaign, motion, start, constraints)
+        pose, paths, made = prepared(campaign, motion, start, constraints, speed)
     except UnsafeTrajectoryError as problem:
         require_pose(campaign, start, constraints, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
@@ -95,8 +101,8 @@ def approached(
 
 
 SLOWER = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Times of its own in which a way is tried: margins may leave little of a velocity limit, and friction little
-of a command limit.
+"""Factors by which an approach is stretched until it is proved: margins may leave little of a velocity limit,
+and friction little of a command limit.
 """
 
 
@@ -122,6 +128,7 @@ def there_and_back(
     limits: Sequence[Limit],
     home: Array,
     clear: Array | None = None,
+    speed: float = FULL,
 ) -> There | None:
     """Straight approach and return; if these are not proved, by home, or by a clear pose and home.
 
@@ -131,6 +138,7 @@ def there_and_back(
         motion: to be run. pose: (k,) start of the approach and end of the return, rad (m).
         approaches: the kind's. limits: to be kept. home: (k,) a pose clear of everything, rad (m).
         clear: (n, k) poses with a straight path to home, rad (m); None if unknown.
+        speed: per cent, at which approach and return run; those that lead into a moving end have its speed.
 
     Returns:
         None for kinds without approaches.
@@ -147,8 +155,10 @@ def there_and_back(
     assert out is not None
     assert back is not None
     around = [] if clear is None else _routes_by_clear_pose(by_home, pose, approaches, clear)
-    approach = _first_proved([(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)], limits)
-    returned = _first_proved([(straight[1],), (by_home[1], back[1]), *(back for _, back in around)], limits)
+    outs = [(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)]
+    approach = _first_proved(outs, limits, speed)
+    backs = [(straight[1],), (by_home[1], back[1]), *(returns for _, returns in around)]
+    returned = _first_proved(backs, limits, speed)
     there, again = _labelled("approach", approach), _labelled("return", returned)
     meet = _is_continuous(approach[-1], led, returned[0])
     there = there if before is None else (*there, ("lead-in", before))
@@ -193,17 +203,19 @@ def require_inside(
             )
 
 
-def _first_proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) -> tuple[Trajectory, ...]:
-    """The first path that is proved, at full speed if possible; else the error of the straight path."""
+def _first_proved(
+    tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit], speed: float
+) -> tuple[Trajectory, ...]:
+    """The first path proved at `speed` (per cent), or slower; else the error of the straight path."""
+    factors = [FULL / speed * factor for factor in SLOWER]
     for parts in tried:
-        for factor in SLOWER if len(parts) < 3 else SLOWER[:1]:
-            if factor > 1.0 and not all(_is_at_rest(part) for part in parts):
-                break  # it leads into a motion, whose speed is given
+        resting = all(_is_at_rest(part) for part in parts)  # others lead into a motion, whose speed is given
+        for factor in (factors if len(parts) < 3 else factors[:1]) if resting else (1.0,):
             slowed = tuple(part.slowed(factor) for part in parts)
             if all(certify(part, limits).ok for part in slowed):
                 return slowed
     for part in tried[0]:
-        require_certified(part.slowed(SLOWER[-1]) if _is_at_rest(part) else part, limits)
+        require_certified(part.slowed(factors[-1]) if _is_at_rest(part) else part, limits)
     raise AssertionError("an approach that is proved was refused")
 
 
@@ -288,7 +300,7 @@ def require_pose(
 
 
 def prepared(
-    campaign: Campaign, motion: Trajectory, start: str, constraints: Constraints
+    campaign: Campaign, motion: Trajectory, start: str, constraints: Constraints, speed: int = FULL
 ) -> tuple[Array, There, dict[str, TrajectoryFiles]]:
     """The pose (k,), its approach and return, and their files by stem; writes nothing.
 
@@ -298,7 +310,7 @@ def prepared(
     kind, spec, limits = campaign.kind, campaign.spec, constraints.limits(campaign)
     pose = pose_inside(campaign, start)
     paths = there_and_back(
-        motion, pose, approaches_of(campaign), limits, kind.home(spec), clear_poses(campaign)
+        motion, pose, approaches_of(campaign), limits, kind.home(spec), clear_poses(campaign), speed
     )
     if paths is None:
         raise UsageError(

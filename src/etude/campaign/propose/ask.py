@@ -149,7 +149,7 @@ def presented(
     """A trajectory with its files, its approach from the robot's pose, and its exports; see `present`."""
     proposal = present(campaign, number, constraints, made, speed)
     motion = stored_trajectory(campaign, number, speed)
-    approach = _approach(campaign, number, motion, proposal, start, constraints) if start else None
+    approach = _approach(campaign, number, motion, proposal, start, constraints, speed) if start else None
     whole = (
         (motion, proposal.folder)
         if approach is None or approach.whole is None
@@ -192,10 +192,11 @@ def _approach(
     proposal: Proposal,
     start: str,
     constraints: Constraints,
+    speed: int,
 ) -> Approached:
     from etude.campaign.propose.approach import approached
 
-    return approached(campaign, number, motion, proposal.folder, start, constraints)
+    return approached(campaign, number, motion, proposal.folder, start, constraints, speed)
 
 
 def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
@@ -208,7 +209,8 @@ def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Tra
 
     def check(motion: Trajectory, constraints: Constraints) -> None:
         try:
-            prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, constraints)
+            run = motion if speed == FULL else at_speed(motion, speed)
+            prepared(campaign, run, start, constraints, speed)
         except UnsafeTrajectoryError as problem:
             raise UnsafeTrajectoryError(
                 f"no approach from there to the proposed motion is proved: {problem.fact}",

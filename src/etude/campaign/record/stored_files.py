@@ -202,9 +202,35 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[Notice]
             number = int(match[1]) if match else 0
             again = number == max(numbers, default=0)  # the newest is what ask proves again
             fields = {"file": folder, "changed": changed, "folder": str(campaign.path), "number": number}
+            fields["options"] = _options_of(campaign, events, folder)
             step = NextStep.ASK_AGAIN if again else NextStep.GIVE_UP
             notices.append(Notice(OfFile.PROVED_BEFORE, fields, step))
     return notices
+
+
+def _options_of(campaign: Campaign, events: Sequence[Event], folder: str) -> str:
+    """The options of `ask` that write a proposal's folder again; " --speed 50 --from home", for example.
+
+    Each folder on the way to it has an option of its own: the speed, the pose, the format, which is the last.
+    """
+    parts, options = folder.split("/"), ""
+    for n in range(3, len(parts) + 1):
+        place = "/".join(parts[:n])
+        facts = [e.fact for e in events if any(name.rpartition("/")[0] == place for name in e.files)]
+        exported = [fact for fact in facts if isinstance(fact, Exported)]
+        if exported and exported[-1].format:
+            return f"{options} --format {exported[-1].format}{' --effort' if exported[-1].effort else ''}"
+        options += _option(campaign.axes, exported[-1], parts[n - 1]) if exported else ""
+    return options
+
+
+def _option(axes: Sequence[str], fact: Exported, folder: str) -> str:
+    if not fact.start:
+        return f" --speed {fact.speed}"
+    label = folder.removeprefix("from_")
+    if not re.fullmatch("[0-9a-f]{8}", label):  # else the pose has no name
+        return f" --from {label}"
+    return f" --from {','.join(f'{axis}={x!r}' for axis, x in zip(axes, fact.start, strict=True))}"
 
 
 def _holds(path: Path, data: bytes) -> bool:

@@ -460,7 +460,7 @@ class _Loop:
         level = 1.0 if motion.learned is not None else 0.0
         approach = transfers_of(self.campaign, motion, pose).approach
         if approach is None and level != self.session.level:
-            approach = holding(self.campaign, motion, pose)
+            approach = holding(motion, pose)
         if approach is not None:
             self.session.play(self._fade_command(approach, level))
         what = "the beginning of motion" if motion.first else "motion"

@@ -21,11 +21,11 @@ from etude.campaign.record.stored_files import proposal_advice, speed_folder, st
 from etude.campaign.run.run_history import FULL
 from etude.campaign.run.supervision import bounds_for
 from etude.deploy.playback_certificate import certified_playback, learned_part
-from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
+from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
 from etude.drivers.contract import MotionPart
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify, require_certified
+from etude.limits.certificate import certify
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
@@ -227,7 +227,9 @@ def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Tr
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
     try:
-        paths = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
+        paths = there_and_back(
+            motion.trajectory, pose, approaches_of(campaign), limits, home, clear, motion.speed
+        )
     except UnsafeTrajectoryError as problem:
         raise _no_approach(campaign, motion, pose, home, problem) from None
     if paths is None or paths.whole is None:
@@ -238,8 +240,8 @@ def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Tr
         )
     at_start, at_end = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
     return Transfers(
-        None if at_start else _transfer(campaign, motion, "approach", paths.approach),
-        None if at_end or motion.first else _transfer(campaign, motion, "return", paths.back),
+        None if at_start else _transfer(motion, "approach", paths.approach),
+        None if at_end or motion.first else _transfer(motion, "return", paths.back),
     )
 
 
@@ -265,22 +267,16 @@ def _rest_at(pose: Array) -> Splined:
     return Splined(np.array([0.0, 2.0 * FADE_S]), points)
 
 
-def _transfer(
-    campaign: Campaign, motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory
-) -> CertifiedMotion:
-    """A transfer at the speed of its motion, since a new control is tested on the transfer, too."""
-    if motion.speed != FULL:
-        trajectory = at_speed(trajectory, motion.speed)
-        require_certified(trajectory, motion.constraints.limits(campaign))
+def _transfer(motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory) -> CertifiedMotion:
     data = trajectory.to_json().encode()
     return CertifiedMotion(
         motion.number, part, motion.speed, data, trajectory, motion.constraints, motion.control
     )
 
 
-def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
+def holding(motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
     """Rest at a pose (k,) while a learned command fades in or out."""
-    return _transfer(campaign, replace(motion, speed=FULL), "hold", _rest_at(pose))
+    return _transfer(replace(motion, speed=FULL), "hold", _rest_at(pose))
 
 
 def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:

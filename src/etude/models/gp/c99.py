@@ -19,7 +19,7 @@ from etude.models.gp.plugin_kernel import PluginKernel
 from etude.types import Array, Code, Index
 
 BLOCK = 32
-"""As in deploy/c99/prelude.c."""
+"""As in deploy/targets/c99/prelude.c."""
 EXPONENTIAL = 24
 """Operations of one exponential, or of a cosine with its sine half as many again."""
 LANE = 16

@@ -11,7 +11,7 @@ import numpy as np
 from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
 from etude.errors import EtudeError
-from etude.limits.convex_limits import AxisLimit
+from etude.limits.motion_limits import AxisLimit
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Model
 from etude.report.markup import Html, element, grid, join, missing_data, paragraph, section, table

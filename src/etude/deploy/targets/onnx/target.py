@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.options import taken
-from etude.deploy.c99.plan import identifier
 from etude.deploy.model_states import labels, log_of, outside_training_sentence, training_ranges
-from etude.deploy.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
+from etude.deploy.targets.c99.plan import identifier
+from etude.deploy.targets.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
 from etude.models.learned_model import LearnedModel

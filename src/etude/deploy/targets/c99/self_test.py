@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.plan import UNBOUNDED, WIDENED, Plan
-from etude.deploy.c99.source import PER_LINE, numbers
 from etude.deploy.model_states import log_of
+from etude.deploy.targets.c99.header import CForm
+from etude.deploy.targets.c99.plan import UNBOUNDED, WIDENED, Plan
+from etude.deploy.targets.c99.source import PER_LINE, numbers
 from etude.models.trust import outside, trust
 from etude.types import Array, Index
 

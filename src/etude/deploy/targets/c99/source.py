@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsDrag
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.plan import WIDENED, Plan
+from etude.deploy.targets.c99.header import CForm
+from etude.deploy.targets.c99.plan import WIDENED, Plan
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.selection.member_prediction import level_of, rests_of
@@ -130,7 +130,7 @@ def preprocessed(text: str, conditions: Mapping[str, bool]) -> str:
 
 def prelude(code: str) -> str:
     """Functions of prelude.c that the code calls; compilers warn of unused ones."""
-    text = resources.files("etude.deploy.c99").joinpath("prelude.c").read_text(encoding="utf-8")
+    text = resources.files("etude.deploy.targets.c99").joinpath("prelude.c").read_text(encoding="utf-8")
     first, *functions = re.split(r"\n(?=/\* (?!What))", text)
     used = [f for f in functions if re.search(rf"\b{_name_of(f)}\(", code)]
     return "\n".join([first, *used])
@@ -309,7 +309,7 @@ def _spreads(plan: Plan) -> list[str]:
 
 def _functions(plan: Plan, form: CForm) -> str:
     """The functions of the header."""
-    text = resources.files("etude.deploy.c99").joinpath("functions.c").read_text(encoding="utf-8")
+    text = resources.files("etude.deploy.targets.c99").joinpath("functions.c").read_text(encoding="utf-8")
     parts = re.split(r"^/\* --- (\w+) --- \*/\n", text, flags=re.MULTILINE)
     named = dict(zip(parts[1::2], parts[2::2], strict=True))
     J, fade = len(plan.limit), form.fade
@@ -396,7 +396,7 @@ typedef {name}_real real;
 
 
 def _template(name: str, values: dict[str, str]) -> str:
-    text = resources.files("etude.deploy.c99").joinpath(name).read_text(encoding="utf-8")
+    text = resources.files("etude.deploy.targets.c99").joinpath(name).read_text(encoding="utf-8")
     return re.sub(r"@([A-Z0-9]+)@", lambda match: values[match[1]], text)
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from textwrap import wrap
 
 from etude import __version__
-from etude.deploy.c99.plan import UNBOUNDED, Plan, parts_in_c
 from etude.deploy.model_states import outside_training_sentence
+from etude.deploy.targets.c99.plan import UNBOUNDED, Plan, parts_in_c
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from importlib import resources
 from typing import Any
 
 from etude._runtime.options import taken
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.target import Files, Timing, checked_files
 from etude.deploy.feedforward import require_forces
 from etude.deploy.model_states import outside_training_sentence
+from etude.deploy.targets.c99.header import CForm
+from etude.deploy.targets.c99.plan import Plan
+from etude.deploy.targets.c99.target import Files, Timing, checked_files
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Channel, Delivered
@@ -104,7 +104,7 @@ def _order(channel: Channel, channels: Mapping[str, Channel], path: str) -> int:
 
 
 def _filled(template: str, substitutions: Mapping[str, str]) -> bytes:
-    place = resources.files("etude.deploy.ros2").joinpath("package", template)
+    place = resources.files("etude.deploy.targets.ros2").joinpath("package", template)
     return re.sub(
         r"@(\w+)@", lambda match: substitutions[match[1]], place.read_text(encoding="utf-8")
     ).encode()
