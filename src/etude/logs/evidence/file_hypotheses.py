@@ -100,7 +100,7 @@ def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Find
     )
 
 
-def _scale_finding(scale: Scale, path: Channel, limit: Array) -> Finding:
+def _scale_finding(scale: JointScale, path: Channel, limit: Array) -> Finding:
     wrong = np.arange(len(path.parts)) == scale.joint
     why = f", whose masses may be {100.0 * MASSES_OFF:.0f} % off (odds e^{scale.odds:.0f} to 1)"
     return unit_finding(path.parts, path.units, np.where(wrong, scale.factor, 1.0), wrong, limit, why)
@@ -284,7 +284,7 @@ NEARER = np.geomspace(0.82, 1.22, 17)  # of the best of them
 UNRELATED = 1e-3  # factor of a command that does not follow the file
 
 
-class Scale(NamedTuple):
+class JointScale(NamedTuple):
     """A joint's commands as a multiple of the file's, and log odds."""
 
     joint: int
@@ -348,7 +348,7 @@ class TiedFit:
         return self.scores(factors, RIGHT)
 
 
-def scale_of(fit: FileFit) -> Scale | None:
+def scale_of(fit: FileFit) -> JointScale | None:
     """The joint whose commands have another unit; None where masses that are off, a load at the last link or
     a tilted base explain as much. Its commands have to follow the file: without any of it they are no matter
     of units.
@@ -363,7 +363,7 @@ def scale_of(fit: FileFit) -> Scale | None:
     if refined.max() - max(as_is, other, unrelated) < AHEAD:
         return None
     joint, factor = int(fit.joint_indices[j]), float(near[refined.argmax()])
-    return Scale(joint, factor, float(refined.max()) - as_is)
+    return JointScale(joint, factor, float(refined.max()) - as_is)
 
 
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
