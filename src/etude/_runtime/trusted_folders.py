@@ -88,7 +88,7 @@ def require_trusted(named: Mapping[str, str], path: Path, folder: Path, identity
         f"{path.name} names code that would be imported and run: {what}",
         where=str(path),
         next_step=f"Nothing of it was run. If you have read it and know who wrote the folder: {command}. "
-        "If not, put a name of etude plugins in its place.",
+        "If not, replace it by a name that etude plugins lists.",
     )
 
 

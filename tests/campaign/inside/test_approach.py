@@ -114,7 +114,8 @@ def test_a_log_of_the_whole_answers_the_proposal(lab: Campaign, tmp_path: Path) 
         ("hip=0,knee=0,toe=1", "the robot has no joint toe"),
         ("hip=a,knee=0", "no joint=value"),
         ("hip=nan,knee=0", "hip stands at nan"),
-        ("nowhere.csv", "there is no pose"),
+        ("nowhere.csv", "there is no pose 'nowhere.csv', and no such file"),
+        ("hom", "Did you mean home"),
     ],
 )
 def test_a_pose_that_is_none_is_refused(lab: Campaign, start: str, words: str) -> None:

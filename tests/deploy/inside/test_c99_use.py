@@ -240,9 +240,9 @@ def test_float_is_refused_where_it_would_be_wrong() -> None:
 
 
 def test_options_that_a_target_does_not_know_are_refused(model: LearnedModel) -> None:
-    with pytest.raises(UsageError, match="--to c has no option --colour") as error:
+    with pytest.raises(UsageError, match="--to c has no option --set colour=VALUE") as error:
         C99(model, ARM, arm_spec(), {"colour": "red"})
-    assert "--variance" in error.value.next_step
+    assert "--variance, --no-fade, --single, --rate" in error.value.next_step
     with pytest.raises(UsageError, match="double or float"):
         C99(model, ARM, arm_spec(), {"real": "half"})
 

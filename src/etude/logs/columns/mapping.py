@@ -22,11 +22,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude.errors import DataError
+from etude.errors import DataError, did_you_mean
 from etude.logs.columns.families import members
 from etude.logs.columns.header_units import NUMBER, unit_in
 from etude.logs.columns.headers import HeaderMeanings, read_headers
-from etude.logs.columns.vocabulary import NUMBERED, is_time, normal, split_unit, unit_of
+from etude.logs.columns.vocabulary import NUMBERED, as_written, is_time, normal, split_unit, unit_of
 from etude.logs.config import LogConfig
 from etude.types import Channel, Log
 
@@ -73,8 +73,7 @@ def _rename(raw: Log, config: LogConfig) -> Log:
             return _with_columns(raw, available).repaired(*([AS_NAMED] if named else []))
     missing = [source.header for source in named.values() if source.header not in available]
     if missing:
-        near = difflib.get_close_matches(missing[0], list(available), 1)
-        hint = f"Did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(missing[0], available)
         hint = 'A factor stands first, with a point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
         raise DataError(
             f"there is no column {missing[0]!r}, which [log.columns] names",
@@ -220,7 +219,7 @@ def _with_unit(to: str, source: _Source) -> str:
     parsed = unit_in(unit)
     whole = parsed is None or not (parsed.counted or parsed.dimension == NUMBER)
     keeps_unit = unit and not split_unit(to)[1] and (whole or abs(source.scale) == 1.0)
-    return f"{to} [{unit}]" if keeps_unit else to
+    return f"{to} [{as_written(source.header, unit)}]" if keeps_unit else to
 
 
 def _with_columns(raw: Log, values: Mapping[str, object]) -> Log:

@@ -239,7 +239,7 @@ def _mixed_units(channel: Channel, drive: Sequence[str], others: Sequence[str], 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
     to = f'"{channel.name}_{channel.parts[0]} [{unit}]" = "0.01 * {column.name}"'
     return DataError(
-        f"the column is in {column.unit}, and {channel.name} is in {unit}",
+        f"the column is in {column.written_unit}, and {channel.name} is in {unit}",
         where=f"{where}, column '{column.name}'",
         next_step=f"Say in the table [log.columns] of campaign.toml what one is in {unit}, as in {to}, or "
         f"correct the header or the robot file. {UNITS_TO_USE}",

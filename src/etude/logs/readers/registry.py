@@ -121,7 +121,8 @@ def _reader_of(path: Path, head: bytes) -> str:
         next_step=INSTEAD.get(
             path.suffix.lower(),
             f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
-            f"by what is in them logs of {', '.join(name for name in brought if name not in broken)}.",
+            f"by what is in them logs of {', '.join(name for name in brought if name not in broken)}. A "
+            "package with an entry point etude.readers adds a format: docs/plugin_examples.md.",
         ),
     )
 
