@@ -80,7 +80,7 @@ def test_two_packages_of_one_kind_are_named_and_harm_no_other(installed, tmp_pat
     installed("kelp", "[etude.robots]\nvessel = kelp_module:KIND\n", VESSEL)
     assert find_robot("arm4")[0].name == "arm"
     (tmp_path / "mine.toml").write_text('kind = "vessel"\nname = "mine"\n')
-    with pytest.raises(UsageError, match="no kind of robot that is known") as refused:
+    with pytest.raises(UsageError, match="no known kind of robot") as refused:
         find_robot(str(tmp_path / "mine.toml"))
     assert (
         "two plug-ins are named 'vessel' in etude.robots: of kelp 1.2 and rov 1.2" in refused.value.next_step

@@ -98,7 +98,7 @@ class Deployed:
         return reactions
 
     def weights(self) -> dict[str, float]:
-        """What part of each command comes from what was learned since."""
+        """What part of each command comes from the model since."""
         return dict(zip(self.names, self._online.weights(), strict=True))
 
     @property

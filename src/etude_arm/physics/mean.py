@@ -170,7 +170,7 @@ class ArmPhysics:
         if self.nominal:
             return self._mean(nominal_model(*self._body))
         if samples is None:
-            raise UsageError("an identified model needs samples", next_step="Tell a log first.")
+            raise UsageError("an identified model needs samples", next_step="Ingest a log first.")
         physics = self._with_friction_speeds(samples)
         return physics._mean(physics._fitted(samples, physics._regressors(samples)))
 

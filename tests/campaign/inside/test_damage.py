@@ -158,7 +158,7 @@ def test_a_model_that_was_changed_and_still_loads(lab: Path, capsys: pytest.Capt
     assert loaded(campaign, lab / "models" / "0002" / MODEL).warnings == CHANGED
     code, words = said(capsys, "ask", str(lab), "--new")
     assert code == 2
-    assert "models/0002/model.npz was changed after it was committed" in words
+    assert "models/0002/model.npz was changed after Étude stored it" in words
 
 
 def test_any_bytes_of_a_model(whole: Path, tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_a_file_where_a_folder_should_be(
 @pytest.mark.parametrize("below", ["", "lab", "deep/lab"])
 def test_a_campaign_below_a_file(tmp_path: Path, below: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(UsageError, match="this is a file, not a folder"):
+    with pytest.raises(UsageError, match="this path is a file"):
         create_campaign(tmp_path / "file" / below, "arm4")
 
 

@@ -71,9 +71,9 @@ def test_an_answer_holds_for_later_logs_of_which_the_same_is_found(
     campaign: Campaign, tmp_path: Path
 ) -> None:
     first = changed(campaign, tmp_path / "first.csv", 1, tau_hip=-1.0)
-    assert any("Taken as it is" in s for s in told(campaign, first, accept=("sign",)).repairs)
+    assert any("Used without a repair" in s for s in told(campaign, first, accept=("sign",)).repairs)
     again = changed(campaign, tmp_path / "again.csv", 2, tau_hip=-1.0)
-    assert any("Taken as it is" in s for s in told(campaign, again).repairs)
+    assert any("Used without a repair" in s for s in told(campaign, again).repairs)
     with pytest.raises(DataError, match="commands of knee"):
         told(campaign, changed(campaign, tmp_path / "other.csv", 3, tau_knee=-1.0))
 
@@ -89,7 +89,7 @@ def test_an_answer_about_some_logs_says_nothing_of_one_that_denies_it(
         told(campaign, right)
     assert "Neither sign" not in refused.value.fact
     assert "Exclude them (etude untell" in refused.value.next_step
-    assert any("Taken as it is" in s for s in told(campaign, right, accept=("sign",)).repairs)
+    assert any("Used without a repair" in s for s in told(campaign, right, accept=("sign",)).repairs)
 
 
 def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_held_rows_are_dropped_unasked_unless_they_are_accepted(campaign: Campai
     assert any("Every row stands 2 times" in s for s in found.repairs)
     assert campaign.state().rounds[found.number].ingested.answers == ()  # type: ignore[union-attr]
     kept = told(campaign, second, accept=("held",))
-    assert any(s.endswith("Taken as it is, as asked.") for s in kept.repairs)
+    assert any(s.endswith("Used without a repair, as requested.") for s in kept.repairs)
     again = told(campaign, third)  # the newest answer counts
     sizes = [len(read_log_file(campaign.run_file(one.number))) for one in (found, kept, again)]
     assert sizes[0] < 0.6 * sizes[1]

@@ -482,7 +482,7 @@ def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(
     with pytest.raises(UnsafeTrajectoryError, match=r"since robot\.toml changed") as refused:
         ask(open_campaign(copy), go_on=True)
     assert f"etude ask {copy} --new." in refused.value.next_step
-    assert "put back robot.toml" in refused.value.next_step
+    assert "restore robot.toml" in refused.value.next_step
     assert cli.main(["ask", str(copy), "--new", "--continue"]) == 0
     # the older one is not proved again by asking: what helps there is named too
     said = _look(copy)

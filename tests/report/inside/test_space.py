@@ -179,7 +179,7 @@ def test_a_file_that_changed_since_the_proof_is_said(tmp_path: Path, monkeypatch
     again.mkdir()
     write_space(first)
     known = open_campaign(first).config_sha256
-    assert "This was proved before campaign.toml changed." in page(read_record(first), 1)[0]
+    assert "This was certified before campaign.toml changed." in page(read_record(first), 1)[0]
     monkeypatch.setattr("synthetic_campaign.CONFIG", known)
     write_space(again)
     assert "was proved before" not in page(read_record(again), 1)[0]

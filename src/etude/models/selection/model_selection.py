@@ -159,7 +159,7 @@ def _folds(
     samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig, held: Mask | None = None
 ) -> Folds:
     if not len(samples):
-        raise DataError("there is no sample to learn from", next_step="Tell a log first.")
+        raise DataError("there is no sample to learn from", next_step="Ingest a log first.")
     samples = in_order(samples)
     commands = samples.log.channels["command"].parts
     limit = np.asarray(limit, dtype=float)
