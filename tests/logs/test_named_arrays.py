@@ -118,7 +118,7 @@ def test_lists_without_names_are_in_the_robots_order_if_they_are_as_many(suffix:
     assert_right(log)
     said = " ".join(log.repairs)
     assert "Columns position, effort hold lists without names; their entries were numbered from 0." in said
-    assert "were taken for pan_joint, lift_joint, elbow_joint, in this order" in said
+    assert "were read as pan_joint, lift_joint, elbow_joint, in this order" in said
 
 
 def test_lists_without_names_of_another_count_are_refused(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_lists_without_names_whose_length_changes_say_nothing(tmp_path: Path) ->
     frame = unnamed()
     cells = [cell[: 2 + row % 2] for row, cell in enumerate(frame["position"].to_list())]
     with pytest.raises(
-        DataError, match=r"no column for channel 'q'.*position hold lists of no numbers or of many"
+        DataError, match=r"no column for channel 'q'.*position hold lists without numbers or with too many"
     ):
         read(written(tmp_path / "run.parquet", frame.with_columns(pl.Series("position", cells))))
 

@@ -91,7 +91,7 @@ def test_a_joint_that_turns_the_other_way_is_named_and_its_columns_are_turned(
     np.savetxt(path, rows * [1, 1, -1, 1, 1, -1, 1], delimiter=",", header=header, comments="")
     finding = found(path, lab)["reversed"]
     assert (finding.light, finding.flag) == ("yellow", "reversed")
-    assert "lift turns the other way than in the file" in finding.sentence
+    assert "lift turns in the opposite direction to the file" in finding.sentence
     with pytest.raises(DataError, match="lift turns the other way"):
         tell(lab, path, foreign=True)
     shutil.copytree(lab.path, tmp_path / "turned")

@@ -436,7 +436,7 @@ def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: P
     fact = facts(campaign, Ingested)[0]
     assert (told.foreign, told.number) == (True, 2)
     assert fact.robot_seconds == pytest.approx(last.reached, abs=0.6)
-    assert any("it teaches up to there" in own for own in fact.repairs)
+    assert any("the log is used up to there" in own for own in fact.repairs)
     assert [r.number for r in campaign.state().proposals] == [1]
 
 

@@ -162,7 +162,7 @@ def test_stamps_that_do_not_move_give_way_to_the_recorder(tmp_path: Path) -> Non
     stuck = [(name, kind, ns, replace(m, header=start)) for name, kind, ns, m in bags.joint_states()]
     log = read(bags.write_bag(tmp_path / "run", stuck))
     assert_right(log)
-    assert "Time is when messages were recorded." in log.repairs
+    assert "Times are those of recording." in log.repairs
 
 
 def test_an_mcap_that_was_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_an_mcap_that_was_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
         assert 0.3 < len(log) / len(LOG) < 0.7
         np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
         cut = next(sentence for sentence in log.repairs if "The bag was cut" in sentence)
-        assert cut.endswith(f"{np.ptp(log.t):.3g} s of it are left.")
+        assert cut.endswith(f"{np.ptp(log.t):.3g} s of it remain.")
 
 
 def test_a_bag_that_was_cut_before_its_topics_says_so(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_a_table_becomes_channels(tmp_path):
     np.testing.assert_array_equal(log["position"][:, 1], table["stateEstimate.y"])
     np.testing.assert_array_equal(log["command"][:, 3], table["motor_4"])
     assert log.repairs == (
-        "Columns motor_1, motor_2, motor_3, motor_4 were taken for front_right, back_right, back_left, "
+        "Columns motor_1, motor_2, motor_3, motor_4 were read as front_right, back_right, back_left, "
         "front_left, in this order.",
     )
 
@@ -94,7 +94,7 @@ def test_what_states_its_unit_is_not_converted_again(tmp_path):
     table = {(f"{k} [deg]" if k in TILTS else k): v for k, v in table.items()}
     log = read(written(tmp_path / "half.csv", table), degrees=True)
     assert_same(log, read(written(tmp_path / "plain.csv", columns())))
-    assert "The file states the unit of attitude, which was believed." in log.repairs
+    assert "The file states the unit of attitude, and this unit was used." in log.repairs
 
 
 def test_an_attitude_in_degrees_is_noticed_beside_rates_in_radians(tmp_path):

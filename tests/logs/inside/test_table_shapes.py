@@ -211,7 +211,9 @@ def test_a_date_that_there_is_not_is_an_empty_cell(tmp_path: Path) -> None:
 def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None:
     lists = {"q": [[[cell] for cell in row] for row in LOG["q"].tolist()], "tau": [["no"]] * len(LOG)}
     pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
-    with pytest.raises(DataError, match=r"no column.*What was read: Columns q, tau hold lists of no numbers"):
+    with pytest.raises(
+        DataError, match=r"no column.*Columns read: Columns q, tau hold lists without numbers"
+    ):
         read(tmp_path / "run.parquet")
 
 

@@ -195,7 +195,7 @@ class LogQuestions:
 
     def _accept(self, finding: Finding) -> Finding:
         """The finding to be stored with the log after the question was accepted; no question any more."""
-        sentence = f"{finding.sentence} Used without a repair, as requested."
+        sentence = f"{finding.sentence} Used without a repair, as asked."
         self.accepted.append(Finding(finding.check, "yellow", sentence, spans=finding.spans))
         return self.accepted[-1]
 
