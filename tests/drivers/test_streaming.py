@@ -159,7 +159,7 @@ def test_the_last_row_is_the_end_and_a_motion_is_cut_only_at_rest() -> None:
     assert cut(None).duration == chain.duration
     assert cut(end).duration == end
     np.testing.assert_allclose(np.diff(cut(end).t)[:-1], 1 / 97)
-    with pytest.raises(UsageError, match="does not rest at 0"):
+    with pytest.raises(UsageError, match="is not at rest at 0"):
         cut(0.5)
 
 

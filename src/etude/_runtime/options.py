@@ -41,7 +41,7 @@ def _read(field: Field[Any], value: Any) -> Any:
     declared = {word.strip() for word in _declared(field).split("|")} - {"None"}
     if declared == {"bool"}:
         if value.strip().lower() not in WORDS:
-            raise UsageError(f"{field.name} is yes or no, not {value!r}", where=f"--set {field.name}")
+            raise UsageError(f"{field.name} must be yes or no, not {value!r}", where=f"--set {field.name}")
         return WORDS[value.strip().lower()]
     if declared in ({"float"}, {"int"}):
         number = int if declared == {"int"} else float
@@ -50,7 +50,7 @@ def _read(field: Field[Any], value: Any) -> Any:
         except ValueError:
             parsed = math.nan
         if not math.isfinite(parsed):
-            raise UsageError(f"{field.name} is a number, not {value!r}", where=f"--set {field.name}")
+            raise UsageError(f"{field.name} must be a number, not {value!r}", where=f"--set {field.name}")
         return parsed
     return value
 

@@ -255,7 +255,7 @@ class DriverSuite:
         for name in ("q", "qd", "command", "asked"):
             value = getattr(sample, name)
             assert value is None or np.shape(value) == (len(self.joints),), f"{name} is not (J,)"
-        assert np.isfinite(sample.q).all(), "a position is no number"
+        assert np.isfinite(sample.q).all(), "a position is not a number"
 
     def _require_done(self, recording: Recording, player: Player) -> None:
         assert recording.ended is Ended.DONE, f"it ended {recording.ended.value}: {recording.reason}"

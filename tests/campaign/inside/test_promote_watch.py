@@ -75,7 +75,7 @@ def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campa
     with pytest.raises(DataError, match=r"the motion has 3 axes, and pair has 2 \[.*trajectory.json\]"):
         predict(fresh, one)
     one.write_text('{"proved": true}', encoding="utf-8")
-    with pytest.raises(UsageError, match=r"trajectory.json\]. Name a trajectory.json that etude ask wrote"):
+    with pytest.raises(UsageError, match=r"trajectory.json\]. Name a trajectory.json of etude ask"):
         predict(fresh, one)
     with pytest.raises(UsageError, match=r"Name it x.csv"):
         check_table(tmp_path / "x.txt")

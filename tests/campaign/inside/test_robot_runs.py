@@ -562,7 +562,7 @@ def test_another_identity_is_asked_about(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         moved(campaign, Robot(), Somebody(lets_go_after=20))
-    with pytest.raises(UsageError, match="Earlier recordings are of fake-1, and this robot is fake-2"):
+    with pytest.raises(UsageError, match="Earlier recordings are of fake-1, but this robot is fake-2"):
         moved(campaign, Robot(identity="fake-2"))
     moved(campaign, Robot(identity="fake-2"), identity="fake-2", dry=True)
 
@@ -605,7 +605,7 @@ def test_a_payload_that_is_told_with_the_connection_is_asked_about_before_anythi
     moved(campaign, Reticent(0.5))
     moved(campaign, Reticent(0.5), dry=True)
     for loaded, named in ((Reticent(1.2), "fake-1"), (Reticent(0.5, identity="fake-2"), "fake-2")):
-        with pytest.raises(UsageError, match=f"set to carry 0.5 kg, and this robot is {named}"):
+        with pytest.raises(UsageError, match=f"set to carry 0.5 kg, but this robot is {named}"):
             moved(campaign, loaded)
         assert loaded.sent == []
     moved(campaign, Reticent(1.2), identity="fake-1, set to carry 1.2 kg", dry=True)

@@ -116,7 +116,7 @@ def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> No
     )
     assert kept == 1
     assert alone is own[0]
-    assert dropped_sentence(1) == " Segments left out, since no motion or no approach to it is proved: 1."
+    assert dropped_sentence(1) == " Segments without a certified motion or approach were dropped: 1."
     assert linked_chain(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
 
 
