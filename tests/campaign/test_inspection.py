@@ -211,7 +211,9 @@ def test_a_log_that_tell_repairs_is_not_taken_as_it_is(
     mends: bool, right: Path, robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kind = Mendable if mends else Finding
-    found = Inspected(None, (kind("delay", "yellow", "They are late.", "They are shifted by that."),))
+    found = Inspected(
+        None, (kind("delay", "yellow", "They are late.", "Ingestion shifts them by this time."),)
+    )
     monkeypatch.setattr("etude.campaign.ingest.inspection.inspect", lambda *_, **__: found)
     assert main(["inspect", str(right), "--robot", str(robot)]) == 0
     said = capsys.readouterr().out

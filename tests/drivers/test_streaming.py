@@ -100,7 +100,7 @@ def test_the_recording_comes_back_from_its_file(tmp_path: Path) -> None:
     assert back.motion.sha256 == recording.motion.sha256
     np.testing.assert_array_equal(back.motion.q, recording.motion.q)
     (tmp_path / "r.parquet").write_bytes((tmp_path / "r.parquet").read_bytes()[:-50])
-    with pytest.raises(DataError, match="no recording of etude run"):
+    with pytest.raises(DataError, match="not a recording of etude run"):
         read_recording(tmp_path / "r.parquet")
 
 

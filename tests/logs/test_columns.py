@@ -336,7 +336,7 @@ def test_bare_names_of_commands_are_not_taken_for_the_attitude() -> None:
     alone = match_columns([*sensors, *command.parts], channels, "f").channels
     assert [c.name for c in alone["command"]] == list(command.parts)
     assert "attitude" not in alone
-    with pytest.raises(DataError, match="may be of the channel command or attitude"):
+    with pytest.raises(DataError, match="may belong to the channel command or attitude"):
         match_columns([*sensors, *command.parts, "yaw"], channels, "f")
 
 

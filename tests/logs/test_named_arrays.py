@@ -70,7 +70,7 @@ def test_names_beside_numbers_decide(pattern: str, names: str, suffix: str, tmp_
     """Of 0.1 these were taken in the robot's order."""
     log = read(written(tmp_path / f"run{suffix}", entries(pattern, names)))
     assert_right(log)
-    assert any("mapped to joints by the names beside" in sentence for sentence in log.repairs)
+    assert any("mapped to joints by the names in the same row" in sentence for sentence in log.repairs)
 
 
 @pytest.mark.parametrize("dtype", [pl.Categorical, pl.String])
@@ -154,7 +154,7 @@ def test_a_missing_name_is_refused(tmp_path: Path) -> None:
 
 def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
     twice = entries("{}[{}]", "name[{}]").with_columns(pl.lit("pan_joint").alias("name[0]"))
-    with pytest.raises(DataError, match="'pan_joint' stands twice"):
+    with pytest.raises(DataError, match="'pan_joint' occurs twice"):
         read(written(tmp_path / "run.csv", twice))
 
 

@@ -231,7 +231,7 @@ class Wrong:
 def test_broken_physics_are_named() -> None:
     from learning_examples import selection
 
-    with pytest.raises(UsageError, match="identified physics gives no numbers, or shape"):
+    with pytest.raises(UsageError, match="identified physics returned no numbers, or shape"):
         selection(trajectories(2), replace(SMALL, rung="identified"), physics={"identified": Wrong()})
 
 

@@ -189,7 +189,7 @@ class ModelConfig:
                 )
         if self.steps < 0 and self.method != "minimize":
             raise UsageError(
-                f"negative steps count evaluations of the likelihood, which {self.method} does not count",
+                f"negative steps are evaluations of the likelihood, which {self.method} does not support",
                 where=f"model.steps = {self.steps}",
                 next_step="Set method = 'minimize', or a number of iterations.",
             )
@@ -210,7 +210,7 @@ class ModelConfig:
             )
         if self.kernel == "structured" and self.sharing == "shared":
             raise UsageError(
-                "The structured kernel is of one command, so commands cannot share it",
+                "The structured kernel is for one command, so commands cannot share it",
                 where="model.sharing = 'shared'",
                 next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
             )

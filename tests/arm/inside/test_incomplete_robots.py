@@ -66,7 +66,7 @@ def test_a_robot_without_masses_keeps_clear_is_asked_and_learns(
     assert main(["ask", str(lab)]) == 0
     said = capsys.readouterr().out
     assert re.search(r"l\d and \w+ +\d", said), "distances are proved"
-    assert "Whether the drives can give the forces" in said
+    assert "Whether the drives can deliver the forces" in said
     rows = [
         line for line in (lab / "proposals/0001/trajectory.csv").read_text().splitlines() if line[0] != "#"
     ]

@@ -168,7 +168,7 @@ def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = campaign_alerts(State(rounds=rounds), OUTPUTS, 2)
     assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
-    assert "knee: hardly moved" in found.sentence
+    assert "knee: almost no motion" in found.sentence
     assert "which moves it" in found.step
 
 

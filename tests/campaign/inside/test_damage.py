@@ -133,7 +133,7 @@ def test_a_damaged_model(lab: Path, whole: Path, capsys: pytest.CaptureFixture[s
         code, words = said(capsys, *command)
         assert code == 2
         assert f"odels/0002/{MODEL}" in words
-        assert f"etude abandon {lab} 2, then tell its log again" in words
+        assert f"etude abandon {lab} 2, then ingest its log again" in words
     if harm == "missing":  # the advice holds
         assert said(capsys, "abandon", str(lab), "2")[0] == 0
         assert said(capsys, "tell", str(lab), str(whole / "2.csv"), "--number", "2")[0] == 0
@@ -190,7 +190,7 @@ def test_what_readers_raise_of_their_own(whole: Path, tmp_path: Path, harm: Call
     campaign = open_campaign(whole / "lab")
     path = tmp_path / MODEL
     path.write_bytes(harm((campaign.model_folder(2) / MODEL).read_bytes()))
-    with pytest.raises(DataError, match="no model that can be read"):
+    with pytest.raises(DataError, match="not a readable model"):
         loaded(campaign, path)
 
 

@@ -80,7 +80,7 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert found.columns[:2] == ["time", "command_waist"]
     assert found.columns[-2:] == ["outside_elbow", "outside_wrist"]
     log = etude.predict(lab, path)
-    assert any("qd and qdd made of the positions" in sentence.lower() for sentence in log.repairs)
+    assert any("qd and qdd computed from the positions" in sentence.lower() for sentence in log.repairs)
     assert 0.9 * len(t) < len(log) < len(t)
     exact = model.predict(model.inputs.states(trajectory.motion(log.t, 3)))[0]
     assert np.median(np.abs(log["command"] - exact)) < 2.0  # of 255: what the filter takes

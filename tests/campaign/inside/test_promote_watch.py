@@ -277,9 +277,9 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
 
     before = (fresh.model_folder(5) / "model.npz").read_bytes()
     without = shifted(write_log(tmp_path / "without.csv", motion, 1), 0.02)
-    with pytest.raises(DataError, match="never learned from"):
+    with pytest.raises(DataError, match="never used for training"):
         tell(fresh, without)
-    with pytest.raises(DataError, match="never learned from"):
+    with pytest.raises(DataError, match="never used for training"):
         tell(fresh, without, foreign=True, number=90)
     with pytest.raises(UsageError, match="no such run"):
         tell(fresh, without, confirm="perhaps")

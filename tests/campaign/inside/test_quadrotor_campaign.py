@@ -264,5 +264,5 @@ def test_a_simulation_ends_where_no_flight_stays_inside(tmp_path, monkeypatch):
         raise DataError("the vehicle left the room")
 
     monkeypatch.setattr(simulating, "tell", never)
-    with pytest.raises(DataError, match="only 0 of 1 runs left a log"):
+    with pytest.raises(DataError, match="only 0 of 1 runs gave a usable log"):
         list(simulate(made(tmp_path / "lab"), 1))

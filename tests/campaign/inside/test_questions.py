@@ -88,7 +88,7 @@ def test_an_answer_about_some_logs_says_nothing_of_one_that_denies_it(
     with pytest.raises(DataError, match="hip is inverted in log 1, log 2 alone") as refused:
         told(campaign, right)
     assert "Neither sign" not in refused.value.fact
-    assert "Exclude them (etude untell" in refused.value.next_step
+    assert "Remove them (etude untell" in refused.value.next_step
     assert any("Used without a repair" in s for s in told(campaign, right, accept=("sign",)).repairs)
 
 
@@ -210,7 +210,9 @@ def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path)
     table = pl.read_csv(ur10 / "ur10_exciting.csv").head(1500)
     table = table.with_columns(pl.lit(0.0).alias(n) for n in table.columns if n.endswith(".effort"))
     table.write_csv(tmp_path / "log.csv")
-    with pytest.raises(DataError, match=r"command of shoulder_pan_joint, .* is constant although it moved"):
+    with pytest.raises(
+        DataError, match=r"command of shoulder_pan_joint, .* is constant although the joint moved"
+    ):
         read_told(campaign, tmp_path / "log.csv")
 
 

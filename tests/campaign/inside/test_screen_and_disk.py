@@ -352,7 +352,7 @@ def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
     text, home = robot.read_text(), "home = [0.5, -0.3]"
     found = re.search(r"^home = .*$", text, re.MULTILINE)
     robot.write_text(text.replace(found[0], home) if found else f"{text}\n[search]\n{home}\n")
-    assert any("proposals/0002/from_home was proved before" in one for one in _look(copy))
+    assert any("proposals/0002/from_home was certified before" in one for one in _look(copy))
     shown = _whole(open_campaign(copy))
     assert shown.approach is not None
     assert "robot.toml changed" in shown.approach.renewed[0]

@@ -223,7 +223,7 @@ def test_a_switch_that_is_none_is_named() -> None:
         (
             "float",
             {np.float64: 1e-12, np.float32: 2e-3},
-            "float is wrong .* 2.0e-03 .* 1.0e-12",
+            "float is not accurate .* 2.0e-03 .* 1.0e-12",
             "--real double",
         ),
     ],

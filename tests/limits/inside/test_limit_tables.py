@@ -406,7 +406,7 @@ def test_a_slope_that_is_steep_in_places_only_is_found_near_by() -> None:
 
 @pytest.mark.parametrize("slopes", [[0.7, -0.3, 0.0], [0.7, np.nan, 0.0], [np.inf, 0.3, 0.0], [[0.7, 0.3]]])
 def test_slopes_that_are_no_bounds_are_refused(slopes: list[float]) -> None:
-    with pytest.raises(UsageError, match="negative or no number"):
+    with pytest.raises(UsageError, match="negative or not a number"):
         reached(slopes=np.array(slopes))
 
 

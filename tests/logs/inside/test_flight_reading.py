@@ -142,7 +142,7 @@ def broken(change):
             "accelerometer's length",
         ),
         (lambda t: t.update({"motor_3": 1000.0 * t["motor_3"]}), "command of back_left reaches"),
-        (lambda t: t.update({"motor_1": 0.0 * t["motor_1"] + 11.1}), "at its limit throughout"),
+        (lambda t: t.update({"motor_1": 0.0 * t["motor_1"] + 11.1}), "always at its limit"),
         (lambda t: t["gyro.x"].__setitem__(slice(0, 300), np.nan), "rows have empty, NaN"),
         (lambda t: t.update({k: v[:20] for k, v in t.items()}), "usable rows"),
         (lambda t: t.update({"acc.x [furlong]": t.pop("acc.x")}), "unknown unit"),

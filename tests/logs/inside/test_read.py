@@ -126,7 +126,7 @@ def test_positions_outside_the_limits(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "run.csv", columns_of(LOG))
     tight = read(path, limits_of_pan("q", -1.0, 0.75))
     assert any("outside its position limits; kept" in s for s in tight.repairs)
-    with pytest.raises(DataError, match=r"outside the limits -0.05 to 0.05 rad.*pan_joint.*another robot"):
+    with pytest.raises(DataError, match=r"outside the limits -0.05 to 0.05 rad.*pan_joint.*of this robot"):
         read(path, limits_of_pan("q", -0.05, 0.05))
 
 
@@ -185,7 +185,7 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
         ("run.bag", b"#ROSBAG V2.0\n", "no reader for '.bag' files"),
         ("run.dat", bytes(range(256)) * 40, "no reader for '.dat' files"),
         ("run.log", b"1 2 3 4\n5 6 7 8\n", "no header, only 4 columns of numbers"),
-        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "ought to be the header holds a number"),
+        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "the header line holds a number"),
     ],
 )
 def test_bad_files(tmp_path: Path, name: str, content: bytes, words: str) -> None:
@@ -246,7 +246,7 @@ def test_what_is_left_is_told_in_seconds_whatever_single_stamps_say() -> None:
         stray[[100, 500]] = wild, -wild
         assert left_of([*stray]) in ("7.95 s of it remain.", "7.96 s of it remain.")
     assert left_of([*(1e150 * t)]) == "Its times do not show how much remains."
-    assert left_of([*t[:300], *(t[300:] + 2.0)]) == "9.99 s of it are left."  # a pause is part of it
+    assert left_of([*t[:300], *(t[300:] + 2.0)]) == "9.99 s of it remain."  # a pause is part of it
     assert left_of([1.0]) == left_of([1.0, 1.0]) == ""
 
 

@@ -164,7 +164,7 @@ def test_constant_columns() -> None:
     still[:, 0] = 0.1
     log = cleaned(with_values(LOG, q=still))
     assert log.repairs == ("pan_joint did not move in this log.",)
-    with pytest.raises(DataError, match="command of lift_joint is constant although it moved"):
+    with pytest.raises(DataError, match="command of lift_joint is constant although the joint moved"):
         cleaned(with_cells([(i, 1, 0.0) for i in range(2000)], "command"))
     with pytest.raises(DataError, match="nothing moved"):
         cleaned(with_values(LOG, q=np.full_like(LOG["q"], 0.1)))

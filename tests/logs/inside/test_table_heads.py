@@ -69,7 +69,7 @@ def test_two_rows_of_names(tmp_path: Path) -> None:
 
 def test_more_cells_than_names_are_refused_as_ever(tmp_path: Path) -> None:
     rows = "\n".join(line + "," for line in ROWS.splitlines())
-    with pytest.raises(DataError, match=f"names {WIDTH} columns, and the first row has {WIDTH + 1} cells"):
+    with pytest.raises(DataError, match=f"names {WIDTH} columns, but the first row has {WIDTH + 1} cells"):
         read(written(tmp_path, f"{NAMES}\n{rows}\n"))
 
 

@@ -256,5 +256,5 @@ def test_a_row_wider_than_the_header_is_named_in_figures(separator: str, tmp_pat
     header, *rows = text({"t": LOG.t, **plain()}, separator).splitlines()
     path.write_text("\n".join([header, *(f"{row}{separator}" for row in rows)]), encoding="utf-8")
     names = 1 + 2 * len(JOINTS)
-    with pytest.raises(DataError, match=f"names {names} columns, and the first row has {names + 1} cells"):
+    with pytest.raises(DataError, match=f"names {names} columns, but the first row has {names + 1} cells"):
         read(path)

@@ -197,7 +197,7 @@ def test_rows_that_are_held_are_dropped(rows: float, velocities: bool) -> None:
     wrong = held(log, rows, *log.values)
     found = one(wrong)
     assert (found.check, found.free, found.flag) == ("held", True, "")
-    assert f"Every row stands {rows:.2g} times: the sensors give " in found.sentence
+    assert f"Every row is repeated {rows:.2g} times: the sensors give " in found.sentence
     mended = repaired(wrong, found)
     assert len(mended) == pytest.approx(len(log) / rows, abs=1)
     assert np.isin(mended["q"], log["q"]).all()
@@ -208,7 +208,7 @@ def test_rest_among_held_rows_changes_nothing() -> None:
     wrong = held(noisy(), 4.0, "q", "qd", "command")
     stand = np.concatenate([np.arange(800), np.full(300, 800), np.arange(800, len(wrong))])
     found = one(replace(wrong.take(stand), t=np.arange(len(stand)) / RATE))
-    assert "stands 4 times" in found.sentence
+    assert "is repeated 4 times" in found.sentence
 
 
 def test_held_rows_are_told_by_the_fast_motion_of_a_coarse_sensor() -> None:
