@@ -141,7 +141,7 @@ def test_joints_go_by_name() -> None:
     own = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=turned, rate=100.0)
     straight = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=NAMES, rate=100.0)
     np.testing.assert_array_equal(own.q, straight.q[:, ::-1])
-    with pytest.raises(UsageError, match="lacks elbow and has wrist"):
+    with pytest.raises(UsageError, match="lacks elbow and also has wrist"):
         planned(text, number=1, part="motion", speed=100, names=NAMES, joints=("base", "wrist"), rate=100.0)
 
 

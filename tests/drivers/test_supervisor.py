@@ -125,7 +125,7 @@ def test_bounds_and_motion_have_to_fit() -> None:
     about, own = FakeRobot(NAMES).about(), motion()
     with pytest.raises(UsageError, match=r"bounds\.error has shape"):
         Supervisor(replace(BOUNDS, error=np.ones(3)), about, own)
-    with pytest.raises(UsageError, match="the motion is of elbow, base"):
+    with pytest.raises(UsageError, match="the motion has the joints elbow, base"):
         Supervisor(BOUNDS, about, replace(own, joints=NAMES[::-1]))
     with pytest.raises(UsageError, match="predicted commands have shape"):
         Supervisor(BOUNDS, about, own, np.zeros((2, 2)))

@@ -156,7 +156,7 @@ class ArmPhysics:
         geometry = read_geometry(self.spec)
         if geometry is None:
             raise UsageError(
-                f"robot '{self.spec.name}' has no model_file, so it has no physics to learn from",
+                f"robot '{self.spec.name}' has no model_file, so it has no physics",
                 next_step="Add a URDF or MJCF to the robot file, or choose the structure gp.",
             )
         return geometry

@@ -292,5 +292,5 @@ def test_what_nobody_foresaw_is_the_machines_failing(
     monkeypatch.setattr("etude.campaign.evaluate.status.status", refuse)
     code, words = said(capsys, "status", str(lab))
     assert code == 1
-    assert "The machine refused: Input/output error" in words
+    assert "The operating system refused: Input/output error" in words
     assert "where: /dev/somewhere" in words

@@ -110,7 +110,7 @@ def test_a_lost_mounting_is_named_where_there_was_one(
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("UNSAFE")]
     assert len(lines) == 3 * named
     if named:
-        again = re.search(r"Make it again: etude (.*)$", lines[0])
+        again = re.search(r"Write it again: etude (.*)$", lines[0])
         assert again is not None
         assert cli.main(shlex.split(again[1])) == 0
         assert ("mounting", folders[0]) not in codes(path)

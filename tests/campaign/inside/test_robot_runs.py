@@ -289,14 +289,14 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
 
 def test_masses_that_allow_no_motion_are_waived_in_a_simulation(tmp_path: Path) -> None:
     campaign = weighing(tmp_path, effort=2.0)
-    assert any("No motion is possible by the numbers" in line for line in campaign.spec.confirm)
-    with pytest.raises(UnsafeTrajectoryError, match="No motion is possible by the numbers"):
+    assert any("No motion is possible with the numbers" in line for line in campaign.spec.confirm)
+    with pytest.raises(UnsafeTrajectoryError, match="No motion is possible with the numbers"):
         etude.ask(campaign)
-    with pytest.raises(UsageError, match="No motion is possible by the numbers"):
+    with pytest.raises(UsageError, match="No motion is possible with the numbers"):
         moved(campaign, Robot(("hip", "knee"), real=True), dry=True)
     found = moved(campaign, Robot(("hip", "knee")), dry=True)
     assert found.planned is not None
-    assert any("No motion is possible by the numbers" in line for line in found.said)
+    assert any("No motion is possible with the numbers" in line for line in found.said)
 
 
 def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:

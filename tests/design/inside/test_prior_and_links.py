@@ -147,5 +147,5 @@ def test_a_segment_that_is_not_found_shortens_the_recording(
     found = chain()
     assert len(found.segments) == there_are
     assert found.dropped == 2
-    assert found.status.endswith("is proved: 2.")
+    assert found.status.endswith("were dropped: 2.")
     assert [len(before) for before in calls] == [0, 1, 2]

@@ -115,7 +115,7 @@ def test_a_command_of_another_quantity_and_positions_in_counts_are_refused(tmp_p
     with pytest.raises(DataError, match=r"in a, but command is in N m.*tau1 \[A\]"):
         read(path)
     path = written(tmp_path / "run.csv", **{"q{} [ticks]": LOG["q"] / 1e-3, "tau{}": LOG["command"]})
-    with pytest.raises(DataError, match="in ticks, and q is in rad"):
+    with pytest.raises(DataError, match="in ticks, but q is in rad"):
         read(path)
     found = read(path, {"q": "1e-3 * q"})
     np.testing.assert_allclose(found["q"], LOG["q"], rtol=1e-9, atol=1e-9)

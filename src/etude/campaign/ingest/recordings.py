@@ -97,7 +97,7 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
     lacks_gravity = about.get("gravity_in_command") is False and about.get("command_of") != "measured"
     if recording.reached < LEAST_TAUGHT_S:
         raise DataError(
-            f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
+            f"the motion ended after {recording.reached:.2f} s, too early for training",
             where=str(path),
             next_step="Run it again.",
         )

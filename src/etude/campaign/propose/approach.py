@@ -197,7 +197,7 @@ def require_inside(
     for name, at, low, high in zip(names, pose.tolist(), lower.tolist(), upper.tolist(), strict=True):
         if not low <= at <= high:
             raise UsageError(
-                f"{name} stands at {at:g}, outside its limits {low:g}..{high:g}",
+                f"{name} is at {at:g}, outside its limits {low:g}..{high:g}",
                 where=where,
                 next_step="First move the robot inside its limits, or correct the pose or robot.toml.",
             )

@@ -322,9 +322,9 @@ def _insufficient_margins(campaign: Campaign, needed: Array, available: Array) -
     """A sentence for each margin that exceeds the available range."""
     units = campaign.channel(campaign.kind.path).units
     return [
-        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} {units[j]}"
-        f"{'/s' * order}; the margin is only {available[order, j]:.3g}, since more leaves too little for "
-        "motion."
+        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} "
+        f"{units[j]}{'/s' * order}; the margin is only {available[order, j]:.3g}, because a larger one "
+        "leaves too little motion."
         for order in range(len(needed))
         for j, axis in enumerate(campaign.axes)
         if available[order, j] < needed[order, j]

@@ -234,7 +234,7 @@ def open_campaign(path: Path) -> Campaign:
         )
     if created.kind not in ("", loaded.kind.name):
         raise UsageError(
-            f"this campaign is of the kind {created.kind!r}, and campaign.toml says {loaded.kind.name!r}",
+            f"this campaign has the kind {created.kind!r}, but campaign.toml states {loaded.kind.name!r}",
             where=f"{path / CONFIG} kind",
             next_step=f'Write kind = "{created.kind}" again; another kind needs a separate folder.',
         )

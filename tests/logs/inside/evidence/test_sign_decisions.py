@@ -106,7 +106,7 @@ def test_new_logs_are_held_against_those_before() -> None:
     found = decided(told, moved(seed=1), fresh=[1])
     old = finding_of(found, NAMES, ["log 1", "b.csv"], [told])
     assert "only in log 1" in old.sentence
-    assert "log 1 (the sign of the commands of toe was turned, as asked)" in old.step
+    assert "log 1 (the sign of the commands of toe was inverted, as asked)" in old.step
     assert "etude untell" in old.step
 
 
