@@ -115,7 +115,7 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
     [
         (["dance"], 2, "there is no command 'dance'"),
         (["ask"], 2, "Missing from etude ask: FOLDER"),
-        (["ask", "LAB", "--speed", "30"], 2, "invalid choice '30' for argument '--speed'"),
+        (["ask", "LAB", "--speed", "30"], 2, "--speed cannot be '30'"),
         (["ask", "LAB", "--colour"], 2, "Unrecognized options: --colour"),
         (["ask", "nowhere"], 2, "there is no campaign here"),
         (["init", "LAB", "--robot", "arm4"], 2, "this folder already holds a campaign"),
@@ -153,6 +153,36 @@ def test_errors_have_codes_and_words(
     assert error["error"]["exit_code"] == code
     assert (lab / "journal.jsonl").read_bytes() == events
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fact", "step"),
+    [
+        (["export", "LAB", "--to", "c", "--rate", "fast"], "--rate cannot be 'fast'", "Write --rate NUMBER."),
+        (["init", "new", "--robot", "arm4", "--seed", "x"], "--seed cannot be 'x'", "Write --seed N."),
+        (["ask", "LAB", "--speed", "30"], "--speed cannot be '30'", "Write one of 25, 50, 100."),
+        (
+            ["export", "LAB", "--to", "c", "--real", "half"],
+            "--real cannot be 'half'",
+            "Write one of float, double.",
+        ),
+        (["payload", "LAB"], "Missing from etude payload: --log PATH", ""),
+        (["payload"], "Missing from etude payload: FOLDER --log PATH", ""),
+        (["run", "LAB", "--on"], "--on has no value", ""),
+        (
+            ["export", "LAB", "--to", "c", "--fade"],
+            "Unrecognized options: --fade",
+            "Perhaps you meant: --no-fade.",
+        ),
+    ],
+)
+def test_a_parser_error_is_short_and_without_the_help(
+    lab: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], fact: str, step: str
+) -> None:
+    code, error = run_json(capsys, *(str(lab) if a == "LAB" else a for a in arguments))
+    named = error["error"]
+    assert (code, named["fact"]) == (2, fact)
+    assert named["next_step"] == f"{step} etude {arguments[0]} --help lists the options.".strip()
 
 
 def test_a_wrong_option_is_answered_with_the_nearest(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -83,7 +83,7 @@ def test_two_packages_of_one_kind_are_named_and_harm_no_other(installed, tmp_pat
     with pytest.raises(UsageError, match="no known kind of robot") as refused:
         find_robot(str(tmp_path / "mine.toml"))
     assert (
-        "two plug-ins are named 'vessel' in etude.robots: of kelp 1.2 and rov 1.2" in refused.value.next_step
+        "two plug-ins are named 'vessel' (kind of robot): of kelp 1.2 and rov 1.2" in refused.value.next_step
     )
 
 
@@ -145,6 +145,13 @@ def test_a_module_that_is_not_found_is_told_apart_from_what_it_lacks(tmp_path, m
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(UsageError, match="Did you mean quadrotor"):
         plugins.load("etude.robots", "quadroter")
+
+
+def test_a_misspelt_attribute_is_answered_with_the_nearest(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("own", "[etude.limits]\nown = own_module:flange_hight\n", "def flange_height(a, b, c): ...\n")
+    with pytest.raises(UsageError, match="the limit 'own' cannot be loaded") as problem:
+        plugins.load("etude.limits", "own")
+    assert problem.value.next_step.startswith("Did you mean flange_height? ")
 
 
 READER = """

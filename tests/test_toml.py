@@ -71,14 +71,15 @@ def test_what_is_written_is_read_back_whatever_it_is_called(rows: list, comment:
         ("rate = 100", "rates = 100", ("unknown key 'rates' [w.toml]", "Did you mean rate?")),
         ("rate = 100", "", ("missing rate [w.toml]", "state each")),
         ("size = 3.0", "", ("missing size", "w.toml, joint 'b'")),
-        ("size = 3.0", 'size = "3"', ("size = '3' is not possible", "w.toml, joint 'b' size")),
+        ("size = 3.0", 'size = "3"', ('size takes a number, not "3"', "w.toml, joint 'b' size")),
         ("size = 1", "sizes = 1", ("unknown key 'sizes'", "w.toml [main]", "Valid keys: name, size, unit")),
         ('name = "b"\n', "", ("missing name", "joint 2")),
         ("[[part]]", "[part]", ("part must be an array of tables", "[[part]]")),
         ("[main]", "[[main]]", ("expected a table of keys",)),
         ("rate = 100", "rate = 100\ncount = 0", ("count must be at least 1", "w.toml whole.count", "Raise")),
+        ("size = 3.0", 'size = "3"', ("Write it as in size = 0.5",)),
         ("rate = 100", "rate = = 100", ("not valid TOML", "w.toml", "line 1")),
-        ("box = [0, 1.5]", "box = [0]", ("box = [0] is not possible",)),
+        ("box = [0, 1.5]", "box = [0]", ('box takes a list of 2 entries, each a number or "none", not [0]',)),
     ],
 )
 def test_refusals_name_file_and_key(old: str, new: str, words: tuple[str, ...]) -> None:

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 
 
 def typed(path: object) -> str:
     """A path within a command that is printed, as a shell takes it: in quotes where it holds a space."""
     return shlex.quote(str(path))
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Start of a next step after a wrong name: the known name most like it; "" if none is."""
+    import difflib  # only errors need it
+
+    near = difflib.get_close_matches(name, known, 1)
+    return f"Did you mean {near[0]}? " if near else ""
 
 
 class EtudeError(Exception):

@@ -9,7 +9,6 @@ Every object is checked against the protocol of its group before it is called.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
 import inspect
 import os
@@ -24,7 +23,7 @@ from typing import Any
 
 from etude._runtime.trusted_folders import FULL_NAME as FULL_NAME
 from etude._runtime.trusted_folders import OWN, require_trusted
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 
 _MEMBERS = ("exact", "fitc", "vfe")
 _SPARSE = (
@@ -121,6 +120,24 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)
+
+
+NOUNS: Mapping[str, str] = {
+    "etude.robots": "kind of robot",
+    "etude.models": "member of the model family",
+    "etude.kernels": "kernel",
+    "etude.forms": "form of stored posteriors or kernels",
+    "etude.limits": "limit",
+    "etude.criteria": "criterion",
+    "etude.readers": "reader of logs",
+    "etude.exporters": "format of motions",
+    "etude.targets": "target of models",
+    "etude.drivers": "driver",
+    "etude.adaptations": "method of adaptation",
+    "etude.studies": "study",
+    "etude.engines": "engine",
+}
+"""What people call an object of a group."""
 
 
 @dataclass(frozen=True)
@@ -223,20 +240,26 @@ def load(group: str, name: str) -> Any:
     """
     if FULL_NAME.fullmatch(name):
         return of_group(group, name, named_in_full(name, group))
+    require_known(group, name)
     matches = [plugin for plugin in _plugins_of(group) if plugin.name == name]
-    if not matches:
-        near = difflib.get_close_matches(name, names(group), 1)
-        hint = f"Did you mean {near[0]}? " if near else ""
-        raise UsageError(
-            f"there is no {name!r} among {group}",
-            next_step=f"{hint}Known: {', '.join(names(group)) or 'none'}; or name it as module:attribute.",
-        )
     if len(matches) > 1:
         raise UsageError(
-            f"two plug-ins are named {name!r} in {group}: of {_sources(matches)}",
+            f"two plug-ins are named {name!r} ({NOUNS[group]}): of {_sources(matches)}",
             next_step="Uninstall one, or name the one that you want as module:attribute.",
         )
     return of_group(group, name, _imported(matches[0]))
+
+
+def require_known(group: str, name: str, where: str = "") -> None:
+    """UsageError: neither a name in the group nor a "module:attribute". Nothing is imported."""
+    if name in BUILT_IN[group] or FULL_NAME.fullmatch(name) or name in names(group):
+        return
+    known = ", ".join(names(group)) or "none"
+    raise UsageError(
+        f"there is no {NOUNS[group]} {name!r}",
+        where=where,
+        next_step=f"{did_you_mean(name, names(group))}Known: {known}; or name it as module:attribute.",
+    )
 
 
 def named_in_full(name: str, group: str = "etude.models") -> Any:
@@ -402,16 +425,14 @@ def _imported(plugin: Plugin) -> Any:
     module, _, path = plugin.target.partition(":")
     try:
         value: Any = importlib.import_module(module)
-        for part in path.split("."):
-            value = getattr(value, part)
     except (Exception, SystemExit) as error:  # a module that ends the program as it is loaded is broken too
-        reason = f"{type(error).__name__}: {error}"
-        _failures[plugin.target] = reason
-        raise UsageError(
-            f"{plugin.name!r} of {plugin.group} cannot be loaded: {reason}",
-            where=f"{plugin.target} ({plugin.source})",
-            next_step=_advice(module, error),
-        ) from error
+        raise _not_loaded(plugin, error, _import_advice(plugin, module, error)) from error
+    for part in path.split("."):
+        try:
+            value = getattr(value, part)
+        except Exception as error:
+            advice = f"{did_you_mean(part, dir(value))}Correct the name after the colon."
+            raise _not_loaded(plugin, error, advice) from error
     _failures.pop(plugin.target, None)
     _note_place(module, plugin.target)
     return value
@@ -427,10 +448,23 @@ def _note_place(module: str, target: str) -> None:
         _places[place] = target
 
 
-def _advice(module: str, error: BaseException) -> str:
+def _not_loaded(plugin: Plugin, error: BaseException, advice: str) -> UsageError:
+    """The error for a user; its reason is stored for `listed`."""
+    reason = f"{type(error).__name__}: {error}"
+    _failures[plugin.target] = reason
+    return UsageError(
+        f"the {NOUNS[plugin.group]} {plugin.name!r} cannot be loaded: {reason}",
+        where=f"{plugin.target} ({plugin.source})",
+        next_step=advice,
+    )
+
+
+def _import_advice(plugin: Plugin, module: str, error: BaseException) -> str:
     """Next step after a failed import. Python does not find a file beside the campaign without PYTHONPATH."""
     if isinstance(error, ModuleNotFoundError) and module.split(".")[0] == error.name:
-        return f"Install it, or name the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."
+        folder = f"the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."
+        hint = did_you_mean(error.name, names(plugin.group))
+        return f"{hint}If not, name {folder}" if hint else f"Install it, or name {folder}"
     return "Install its requirements, or repair it; etude plugins lists all plug-ins."
 
 

@@ -7,7 +7,6 @@ from a table alone, as a robot file does, where every limit must be stated.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import json
 import typing
@@ -15,12 +14,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 
 T = TypeVar("T")
 CORRECT = "Correct that place, or restore the file from a copy."
 types_of: Callable[[Any], dict[str, Any]] = functools.lru_cache(typing.get_type_hints)
 """Types of a dataclass's fields, by name: annotations are text, which takes long to read."""
+CHANGE = "Change that value in the file."
 STATE_ALL = "State each of them, because nothing is guessed."
 
 
@@ -52,6 +52,15 @@ def read_text(path: Path, what: str = "file") -> str:
             where=str(path),
             next_step="Check that it is a text file in UTF-8 that you may read, or restore it from a copy.",
         ) from None
+
+
+EXAMPLES: Mapping[Any, tuple[str, str]] = {
+    bool: ("true or false", "true"),
+    int: ("a whole number", "2"),
+    float: ("a number", "0.5"),
+    str: ("a text in quotes", '"text"'),
+}
+"""Type of a value -> in words, and an example."""
 
 
 def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
@@ -102,12 +111,10 @@ def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> No
     """Raises UsageError for the first key that is not in `valid`, with the valid ones."""
     for key in table:
         if key not in valid:
-            near = difflib.get_close_matches(key, valid, 1)
-            hint = f"Did you mean {near[0]}? " if near else ""
             raise UsageError(
                 f"unknown key {key!r}",
                 where=where,
-                next_step=f"{hint}Valid keys: {', '.join(valid) or 'none'}.",
+                next_step=f"{did_you_mean(key, valid)}Valid keys: {', '.join(valid) or 'none'}.",
             )
 
 
@@ -216,20 +223,58 @@ def converted(expected: Any, value: Any, key: str, where: str) -> Any:
 
     if value == "none" and type(None) in typing.get_args(expected):  # TOML has no null
         return None
+    if isinstance(value, Mapping) and typing.get_origin(expected) is Mapping:
+        inner = typing.get_args(expected)[1]
+        return {name: converted(inner, item, f"{key}.{name}", where) for name, item in value.items()}
     try:
         return msgspec.convert(value, expected)
-    except msgspec.ValidationError as error:
-        raise UsageError(f"{key} = {value!r} is not possible: {error}", where=f"{where} {key}") from None
+    except msgspec.ValidationError:
+        takes, example = _described(expected)
+        raise UsageError(
+            f"{key} takes {takes}, not {_shown(value)}",
+            where=f"{where} {key}",
+            next_step=f"Write it as in {key.rpartition('.')[2]} = {example}",
+        ) from None
+
+
+def _shown(value: Any) -> str:
+    try:
+        return toml_value(value)
+    except (TypeError, ValueError):  # a date or nan, which TOML has and JSON has not
+        return str(value)
+
+
+def _described(expected: Any) -> tuple[str, str]:
+    """Values of a type in words, and an example."""
+    if expected in EXAMPLES:
+        return EXAMPLES[expected]
+    arguments = typing.get_args(expected)
+    inner = [one for one in arguments if one not in (type(None), Ellipsis)]
+    if typing.get_origin(expected) is typing.Literal:
+        words = [toml_value(one) for one in inner]
+        return " or ".join(words), words[0]
+    described = [_described(one) for one in inner]
+    words, examples = [one for one, _ in described], [example for _, example in described]
+    if typing.get_origin(expected) is tuple:
+        count = "" if Ellipsis in arguments else f"{len(inner)} "
+        return (
+            f"a list of {count}entries, each {' or '.join(dict.fromkeys(words))}",
+            f"[{', '.join(examples)}]",
+        )
+    if inner:
+        none = ['"none"'] if type(None) in arguments else []
+        return " or ".join([*words, *none]), examples[0]
+    return f"a value of type {expected.__name__ if isinstance(expected, type) else expected}", "..."
 
 
 def _construct(kind: type[T], values: dict[str, Any], where: str) -> T:
-    """The dataclass; an error of its own checks names the file."""
+    """The dataclass; an error of its own checks names the file and has a next step."""
     try:
         return kind(**values)
     except (UsageError, ValueError) as error:
         named = error if isinstance(error, UsageError) else UsageError(str(error))
         place = f"{where} {named.where}".strip()
-        raise UsageError(named.fact, where=place, next_step=named.next_step) from None
+        raise UsageError(named.fact, where=place, next_step=named.next_step or CHANGE) from None
 
 
 def _without_defaults(value: Any) -> list[tuple[str, Any]]:

@@ -2,16 +2,13 @@
 
 The friction of its last motion holds a joint at rest. The law depends on the distance and not on time, so
 plan and log give the same state at any rate that resolves the reversals. Source: Dahl 1968.
-
-Both laws advance from row to row. Two successive steps of each kind combine to one step of that kind, so the
-rows are joined in pairs, fours, eights: whole arrays at a time. A compiled loop would cost the next proposal
-more than all other computations, because the compiler must be loaded.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from etude._runtime.friction_memory import dahl, recursion
 from etude.types import Array
 
 MEMORY_RATE = 25.0
@@ -35,10 +32,7 @@ def remembered(q: Array, play: Array, length: Array, start: Array | None = None)
     sigma, p = np.stack([np.zeros(len(play)), q[0]]) if start is None else start
     behind = _behind(q, play, p)
     steps = np.diff(behind, axis=0, prepend=p[None])
-    faded = np.exp(-np.abs(steps) / length)
-    increments = np.sign(steps) * (1.0 - faded)
-    increments[0] += faded[0] * sigma
-    return np.stack([_followed(faded, increments), behind], axis=1)
+    return np.stack([dahl(steps, length, sigma), behind], axis=1)
 
 
 def turning(q: Array, play: Array, lengths: Array) -> Array:
@@ -57,7 +51,7 @@ def bristles_along(q: Array, bend: Array) -> Array:
     """Deflection (T, J) of bristles along q (T, J), initially zero; they slip at `bend` (T, J)."""
     steps = np.diff(q, axis=0, prepend=q[:1])
     faded = np.exp(-np.abs(steps) / bend)
-    return _followed(faded, np.sign(steps) * bend * (1.0 - faded))
+    return recursion(faded, np.sign(steps) * bend * (1.0 - faded))
 
 
 def memory_vjp(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
@@ -66,7 +60,7 @@ def memory_vjp(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
     sigma, steps = states[:, 0], np.diff(states[:, 1], axis=0, prepend=q[:1])
     faded = np.exp(-np.abs(steps) / length)
     later = np.concatenate([faded[1:], np.ones((1, len(length)))])[::-1]
-    in_sigma = _followed(later.copy(), on_sigma[::-1].copy())[::-1]
+    in_sigma = recursion(later.copy(), on_sigma[::-1].copy())[::-1]
     before = np.concatenate([np.zeros((1, len(length))), sigma[:-1]])
     slopes = in_sigma * (np.sign(steps) - before) * faded * np.sign(steps) / length
     gradient = np.zeros_like(q)
@@ -87,13 +81,3 @@ def _behind(q: Array, play: Array, start: Array) -> Array:
         low[step:], high[step:] = joined
         step *= 2
     return np.minimum(np.maximum(start, low), high)
-
-
-def _followed(factor: Array, values: Array) -> Array:
-    """(T, J) s <- factor s + value from 0, in the memory of `values`; two steps are one of other factors."""
-    step = 1
-    while step < len(values):
-        values[step:] += factor[step:] * values[:-step]
-        factor[step:] *= factor[:-step].copy()
-        step *= 2
-    return values

@@ -260,11 +260,12 @@ def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> 
     square, plain = weights[:2]
     values["lag"] = fit.lag + weights[-2]
     values["curve"] = square / (square + plain)
-    values["hover_curved"] = GRAVITY / ((square + plain) * w.shape[1])
     pattern = w.mean(axis=0) / w.mean()  # of the motors at trim
     a, b = square * (pattern**2).sum(), plain * pattern.sum()
     hover = 2.0 * GRAVITY / (b + np.sqrt(max(b * b + 4.0 * a * GRAVITY, 0.0)))
     values["hover"] = float(curved(hover * pattern, spec.thrust_curve).mean())
+    # at the curve that can be set, which a curve below 0 is not
+    values["hover_curved"] = float(curved(hover * pattern, _settable(values["curve"])).mean())
     velocity = None if flights.velocity is None else flights.velocity[rows]
     if velocity is not None:
         speed, spin = np.linalg.norm(velocity, axis=1), w.mean(axis=1) / hover
@@ -277,6 +278,11 @@ def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> 
         centre = _centre(spec, thrusts, flights.rates[rows], flights.turning[rows], velocity, w)
         values["centre_x"], values["centre_y"] = centre
     return np.array([values[name] for name in NAMES])
+
+
+def _settable(curve: float) -> float:
+    """The nearest value of THR_MDL_FAC."""
+    return min(max(curve, 0.0), 1.0)
 
 
 def _centre(
@@ -462,7 +468,7 @@ def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
     settings: Mapping[str, dict[str, str]] = {
         "hover": {"MPC_THR_HOVER": f"{value:.3f}"}
         | ({"posCtlPid.thrustBase": f"{FULL * value:.0f}"} if quad else {}),
-        "curve": {"THR_MDL_FAC": f"{min(max(value, 0.0), 1.0):.2f}"},
+        "curve": {"THR_MDL_FAC": f"{_settable(value):.2f}"},
         "hover_curved": {"MPC_THR_HOVER": f"{value:.3f} with that THR_MDL_FAC"},
         "lag": {"ctrlINDI.act_dyn_p": f"{-np.expm1(-1.0 / (CONTROL_HZ * value)):.4f}"} if quad else {},
         # PX4's rotors are seen from the centre of mass, y to the right

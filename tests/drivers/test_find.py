@@ -56,7 +56,7 @@ def test_so_does_a_module(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("{file}:nothing", "returned a object, which is neither a Stream nor a Player"),
         ("{file}:broken", "cannot be made: OSError: no such port"),
         ("{file}:wrong", "is not a driver's factory"),
-        ("{file}:none", "none cannot be loaded"),
+        ("{file}:none", "the file has no none"),
         ("{file}", "needs the name of a factory"),
         ("no_such_file.py:factory", "there is no such file"),
         ("arm", "there is no driver 'arm'"),
@@ -69,6 +69,26 @@ def test_what_is_wrong_is_named(file: Path, on: str, words: str) -> None:
         find_driver(on.format(file=file), ("waist",))
     assert caught.value.exit_code == 2
     assert caught.value.next_step
+
+
+@pytest.mark.parametrize(
+    ("on", "meant"),
+    [
+        ("mujoko", "mujoco"),
+        ("mujoko:x.urdf", "mujoco"),
+        ("{file}:factori", "factory"),
+        ("my_arm:factori", "factory"),
+    ],
+)
+def test_a_misspelt_name_is_answered_with_the_nearest(
+    file: Path, monkeypatch: pytest.MonkeyPatch, on: str, meant: str
+) -> None:
+    """Nobody is told to install a package whose name is a slip."""
+    monkeypatch.syspath_prepend(file.parent)
+    with pytest.raises(UsageError) as caught:
+        find_driver(on.format(file=file), ("waist",))
+    assert caught.value.next_step.startswith(f"Did you mean {meant}? ")
+    assert "nstall" not in caught.value.next_step
 
 
 def test_a_name_in_a_file_is_not_run_in_a_folder_that_nobody_trusts(file: Path) -> None:

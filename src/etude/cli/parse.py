@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import functools
 import importlib
 import inspect
@@ -24,7 +23,7 @@ import tyro
 
 from etude.cli.outcome import Command
 from etude.cli.terminal import coloured, width
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 
 DESCRIPTION = (
     "Étude plans the motions that identify a robot's inverse dynamics in as little robot time as possible. "
@@ -68,8 +67,21 @@ SAYS_NOTHING = ("", "None", "False", "''", "()")
 """Defaults that help texts leave out."""
 FRAME = re.compile(r"^[│|]|[│|]$|─{3,}|-{10,}")
 """Characters of a box around a text."""
-HINTS = "Perhaps you meant: ", "Arguments are applied to "
-"""Beginnings of tyro's hints."""
+HINTS = {
+    "Perhaps you meant: ": "Perhaps you meant: ",
+    "Arguments are applied to ": "Arguments are applied to ",
+    "Argument helptext: ": "Write ",
+    "Expected one of ": "Write one of ",
+}
+"""Beginnings of tyro's hints, and what is printed instead."""
+PLAIN = (
+    (re.compile(r"Error parsing (\S+): .*?'([^']*)'.*"), r"\1 cannot be '\2'"),
+    (re.compile(r"[Ii]nvalid choice '([^']*)' for argument '([^']*)'\."), r"\2 cannot be '\1'"),
+    (re.compile(r"Missing value for argument '([^']*)'.*"), r"\1 has no value"),
+)
+"""Facts in tyro's words -> in plain ones."""
+INDENT = 4
+"""Columns by which names of options are indented in an error box; help texts by as many again."""
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
 
@@ -169,8 +181,7 @@ def command(arguments: Sequence[str]) -> Command:
     """
     first = arguments[0] if arguments else ""
     if first and first not in COMMANDS and not first.startswith("-"):
-        near = difflib.get_close_matches(first, COMMANDS, 1)
-        hint = f"Did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(first, COMMANDS)
         raise UsageError(
             f"there is no command {first!r}", next_step=f"{hint}etude --help lists all commands."
         )
@@ -201,20 +212,36 @@ def command(arguments: Sequence[str]) -> Command:
 
 
 def _refused(box: str, prog: str) -> UsageError:
-    """UsageError with the text of tyro's error box."""
-    # its title comes first; its frame is drawn only where the encoding has one
-    drawn = [ESCAPE.sub("", row) for row in box.strip("\n").splitlines()[1:]]
-    rows = [FRAME.sub("", row.strip()).strip() for row in drawn if row[:1] != "╰"]
-    texts = [row for row in rows if row and "helptext" not in row and not row.endswith("--help")]
-    fact, mark, hint = next(
-        (parts for mark in HINTS if (parts := " ".join(texts).partition(mark))[1]), (" ".join(texts), "", "")
-    )
-    step = f"{mark}{hint}. " if mark else ""
+    """UsageError with the facts of tyro's error box; help texts are left to --help."""
+    text = " ".join(_facts(box))
+    fact, mark, hint = next((parts for mark in HINTS if (parts := text.partition(mark))[1]), (text, "", ""))
+    for pattern, plain in PLAIN:
+        fact = pattern.sub(plain, fact)
+    values = sorted({*re.findall("'([^']*)'", hint)} - {"None", ""}, key=lambda one: (len(one), one))
+    step = f"{HINTS[mark]}{', '.join(values) or hint.strip()}. " if mark else ""
     return UsageError(
         fact.strip().removesuffix(".") or "wrong arguments",
         where=prog,
         next_step=f"{step}{prog} --help lists the options.",
     )
+
+
+def _facts(box: str) -> list[str]:
+    """Rows of tyro's error box without title, frame and help texts.
+
+    Facts are not indented; names of options are, once; help texts follow a name or are indented twice.
+    """
+    # the frame is drawn only where the encoding has one
+    drawn = [FRAME.sub("", ESCAPE.sub("", row).rstrip()) for row in box.strip("\n").splitlines()[1:]]
+    rows = [row.rstrip() for row in drawn if row.strip() and row[:1] != "╰" and "--help" not in row]
+    depths = [(len(row) - len(row.lstrip())) // INDENT for row in rows]
+    first = min(depths, default=0)
+    kept = (
+        row.strip()
+        for row, depth, before in zip(rows, depths, [first, *depths], strict=False)
+        if depth == first or (depth == first + 1 and before != first + 1)
+    )
+    return [row for row in kept if not row.startswith("For full helptext")]
 
 
 def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str]:

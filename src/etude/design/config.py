@@ -55,14 +55,7 @@ class DesignConfig:
     reference: Literal["mixed", "family"] = "mixed"
 
     def __post_init__(self) -> None:
-        built_in = plugins.BUILT_IN[GROUP]
-        if self.criterion not in built_in and not plugins.FULL_NAME.fullmatch(self.criterion):
-            names = plugins.names(GROUP)
-            if self.criterion not in names:
-                raise UsageError(
-                    f"there is no criterion {self.criterion!r}; known: {', '.join(sorted(names))}",
-                    where="design.criterion",
-                )
+        plugins.require_known(GROUP, self.criterion, "design.criterion")
         for name, choices in WORDS.items():
             value = getattr(self, name)
             if value not in choices:

@@ -11,7 +11,7 @@ from typing import Any
 from etude.abilities import SupportsPlacement
 from etude.drivers.contract import Player, Stream
 from etude.drivers.streaming import Streamed
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 from etude.plugins import FULL_NAME, load, names, of_group, require_word
 
 GROUP = "etude.drivers"
@@ -74,8 +74,9 @@ def _resolve(on: str) -> tuple[Any, str]:
     attribute, _, address = argument.partition(":")
     if FULL_NAME.fullmatch(f"{name}:{attribute}"):
         return load(GROUP, f"{name}:{attribute}"), address
-    installed = ", ".join(names(GROUP)) or "none"
-    raise UsageError(f"there is no driver {on!r}", next_step=f"Name it as {FORMS}. Known: {installed}.")
+    known = names(GROUP)
+    step = f"{did_you_mean(name, known)}Name it as {FORMS}. Known: {', '.join(known) or 'none'}."
+    raise UsageError(f"there is no driver {on!r}", next_step=step)
 
 
 def _of_file(name: str, attribute: str) -> Any:
@@ -98,7 +99,6 @@ def _of_file(name: str, attribute: str) -> Any:
     sys.modules[module_name] = module  # dataclasses look their module up
     try:
         spec.loader.exec_module(module)
-        return getattr(module, attribute)
     except (Exception, SystemExit) as error:
         del sys.modules[module_name]
         raise UsageError(
@@ -106,6 +106,13 @@ def _of_file(name: str, attribute: str) -> Any:
             where=str(path),
             next_step="Repair the file, or install what it imports.",
         ) from error
+    if not hasattr(module, attribute):
+        raise UsageError(
+            f"the file has no {attribute}",
+            where=str(path),
+            next_step=f"{did_you_mean(attribute, vars(module))}Correct the name after the colon.",
+        )
+    return getattr(module, attribute)
 
 
 def _missing_members(driver: Any) -> str:
@@ -121,5 +128,5 @@ def require_known(settings: Mapping[str, Any], keys: Sequence[str], driver: str)
         raise UsageError(
             f"[driver] has no key {', '.join(unknown)} for {driver}",
             where="run.toml",
-            next_step=f"It knows {', '.join(keys)}.",
+            next_step=f"{did_you_mean(unknown[0], keys)}It knows {', '.join(keys)}.",
         )

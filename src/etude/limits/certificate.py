@@ -98,7 +98,19 @@ def not_verified(
     if approach or {"approach", "return"} <= labels:
         gaps[APPROACH] = ()
     sentences = [one for topic in ALL for one in gaps.get(topic, (topic,))]
-    return (*sentences, *unenforced)
+    return (*sentences, *_of_rows(rows), *unenforced)
+
+
+def _of_rows(rows: Sequence[Proof]) -> tuple[str, ...]:
+    """A sentence for each quantity that its limit could not verify, with the axes and the reason."""
+    axes: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        if row.status == "not verified":
+            axes.setdefault((row.quantity, row.method), []).append(row.axis)
+    return tuple(
+        f"The {quantity} of {', '.join(names)}: {reason.rstrip('.')}."
+        for (quantity, reason), names in axes.items()
+    )
 
 
 def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
@@ -115,15 +127,15 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     sentences = [f"The tracking error of {' and '.join(without)}."] if without else []
     if assumed:
         sentences.append(
-            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log{_under(tracked_rows)} "
-            "has shown them yet."
+            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log of such a motion"
+            f"{_under(tracked_rows)} has measured them."
         )
     return tuple(sentences)
 
 
 def _under(rows: Sequence[Proof]) -> str:
     """Text that names the control that the margins apply to; all rows of a certificate share one control."""
-    return next((f" of a motion under {row.control}" for row in rows if row.control), "")
+    return next((f" under {row.control}" for row in rows if row.control), "")
 
 
 def in_words(row: Proof) -> str:
@@ -132,6 +144,8 @@ def in_words(row: Proof) -> str:
     Without an upper end, one of the two numbers already includes tracking: it is subtracted from a distance,
     or added to the limit.
     """
+    if row.status == "not verified":
+        return f"not verified: {row.method}"
     if row.upper == math.inf:
         taken = tracked_in_words(row)
         under = f" under {row.control}" if row.control else ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from etude import plugins
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 
 Structure = Literal["nominal", "identified", "linear", "gp", "nominal+gp", "identified+gp", "linear+gp"]
 STRUCTURES: tuple[Structure, ...] = (
@@ -141,8 +141,8 @@ class ModelConfig:
             raise UsageError(
                 "the default is always a candidate", where=f"model.candidates = {self.candidates}"
             )
-        _plugin("kernel", self.kernel, "etude.kernels")
-        _plugin("process", self.process, "etude.models")
+        plugins.require_known("etude.kernels", self.kernel, "model.kernel")
+        plugins.require_known("etude.models", self.process, "model.process")
         self._check_numbers()
         self._check_kernel()
 
@@ -218,11 +218,8 @@ class ModelConfig:
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise UsageError(f"{name} must be one of {', '.join(allowed)}", where=f"model.{name} = {value!r}")
-
-
-def _plugin(name: str, value: str, group: str) -> None:
-    """One of a group, or any "module:attribute"; what that is shows when it is loaded."""
-    if value in plugins.BUILT_IN[group] or plugins.FULL_NAME.fullmatch(value):
-        return
-    _one_of(name, value, plugins.names(group))
+        raise UsageError(
+            f"{name} must be one of {', '.join(allowed)}, not {value!r}",
+            where=f"model.{name}",
+            next_step=f"{did_you_mean(value, allowed)}Write one of these.",
+        )

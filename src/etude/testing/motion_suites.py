@@ -169,6 +169,8 @@ class LimitSuite:
         width = row.upper - row.lower
         size = width if np.isfinite(width) else max(abs(row.proved_lower), abs(row.proved_upper))
         name = f"{row.quantity} of {row.axis}"
+        if row.status == "not verified":
+            return
         assert values.max() <= row.proved_upper + 1e-9 * size, f"{name} reaches more than is proved"
         assert values.min() >= row.proved_lower - 1e-9 * size, f"{name} reaches less than is proved"
         if self.tight:

@@ -17,8 +17,8 @@ from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.combinations import MEASURED, PARTLY, identifiability
 from etude_arm.identified.consistent_parameters import Identified, identified
-from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
-from etude_arm.identified.pseudo_inertia import is_possible
+from etude_arm.identified.model_file_writer import JointTerms, central, mjcf, with_drives, written
+from etude_arm.identified.pseudo_inertia import PAIRS, is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import RigidBodyMean
@@ -66,7 +66,7 @@ class ModelFile:
         rows = _rows(fit)
         sentences = [
             *_summary_sentences(fit, spec, rows),
-            *_addition_sentences(name, spec),
+            *_addition_sentences(name, spec, bodies),
             *_lost_motion_sentences(fit, spec),
             *_played_sentences(name, played, fit, spec),
         ]
@@ -217,13 +217,24 @@ def _summary_sentences(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]
     return sentences
 
 
-def _addition_sentences(name: str, spec: ArmSpec) -> list[str]:
-    added = (("tool", spec.tool), ("payload", spec.payload), ("mounting", spec.mounting))
-    carried = [name for name, one in added if one is not None]
+def _addition_sentences(name: str, spec: ArmSpec, bodies: Mapping[str, Array]) -> list[str]:
+    added = {"tool": spec.tool, "payload": spec.payload, "mounting": spec.mounting}
+    carried = [what for what, one in added.items() if one is not None]
     if not carried:
         return []
-    place = "is not in the file, as before" if name.endswith(".urdf") else "is in the file"
-    return [f"The additions of robot.toml, {' and '.join(carried)}, {place}."]
+    if not name.endswith(".urdf"):
+        return [f"What robot.toml adds, {' and '.join(carried)}, is in the file."]
+    tables = [f"[{what}] {_attached_text(bodies[what])}" for what in carried if what in bodies]
+    beside = f" Its errors are those beside the identified values: {'; '.join(tables)}." if tables else ""
+    return [f"What robot.toml adds, {' and '.join(carried)}, is not in the file, as before.{beside}"]
+
+
+def _attached_text(phi: Array) -> str:
+    """A tool or a payload, as robot.toml states it."""
+    mass, centre, inertia = central(phi)
+    six = [inertia[i, j] for i, j in PAIRS]
+    values = (", ".join(f"{value:.4g}" for value in one) for one in (centre, six))
+    return "mass = {:.4g}, centre = [{}], inertia = [{}]".format(mass, *values)
 
 
 def _lost_motion_sentences(fit: Identified, spec: ArmSpec) -> list[str]:

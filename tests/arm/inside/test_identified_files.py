@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,10 @@ from etude_arm.identified.consistent_parameters import Identified, identified, l
 from etude_arm.identified.model_file_writer import central, written
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
 from etude_arm.identified.target import URDF
+from etude_arm.loading.attachments import Attached
 from etude_arm.loading.load import load
+from etude_arm.physics.kinematics import body_motion
+from etude_arm.physics.regressor import regressor_of_motion
 
 NAMES = ("shoulder", "elbow", "wrist")
 FRICTION = np.array([1.5, 0.8, 0.3])
@@ -212,3 +217,24 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     again = URDF(None, KIND, spec, given(same))
     assert any("predict as well" in sentence for sentence in again.said)
     assert found.measured == delivered.facts["told"] <= found.shown
+
+
+def test_a_urdf_is_right_beside_the_payload_that_is_printed(tmp_path: Path) -> None:
+    """The real robot carries nothing, and robot.toml says half a kilogram: the file alone is wrong."""
+    path = write(tmp_path)
+    real = heavier(path, path.with_name("real.urdf"))
+    carried = Attached(mass=0.5, centre=(0.0, 0.02, 0.1), inertia=(1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0))
+    spec = replace(spec_of(path), payload=carried)
+    delivered = URDF(None, KIND, spec, given(told(spec, real, FRICTION)))
+    (printed,) = (line.partition("[payload] ")[2] for line in delivered.said if "[payload]" in line)
+    table = tomllib.loads(re.sub(r", (?=[a-z])", "\n", printed.rstrip(".")))
+    new = path.with_name("new.urdf")
+    new.write_bytes(delivered.files["arm.urdf"])
+    states = motion(np.random.default_rng(99), 200, spec.dof)
+    errors = {}
+    for name, payload in (("printed", Attached(**table)), ("told", carried)):
+        links = links_of(replace(spec, model_file=new, payload=payload))
+        played = regressor_of_motion(links.tree, body_motion(links.tree, *states)) @ links.nominal
+        errors[name] = np.sqrt(np.mean((played - torques(real, spec.names, *states)) ** 2, axis=0))
+    assert np.all(errors["printed"] < 0.1)
+    assert errors["told"].max() > 5.0 * errors["printed"].max()

@@ -148,7 +148,7 @@ def test_another_package_s_target_is_a_function(lab: Path, tmp_path: Path) -> No
     assert (tmp_path / "list" / "commands.txt").read_text() == "- waist\n- shoulder\n- elbow\n- wrist\n"
     assert found.said[0].startswith("No model was promoted yet. The newest model is used, of log 1")
     assert found.said[1:] == ("4 commands.",)
-    with pytest.raises(UsageError, match="there is no 'd' among etude"):
+    with pytest.raises(UsageError, match="there is no target of models 'd'"):
         export(lab, "d")
 
 
@@ -165,7 +165,7 @@ def test_only_what_was_given_is_passed_on() -> None:
     for twice in (("seed=1", "seed=1"), ("half-life=3", "half_life=4")):
         with pytest.raises(UsageError, match="is given twice"):
             given(more=twice)
-    with pytest.raises(UsageError, match="--to t has no option --a-b"):
+    with pytest.raises(UsageError, match="--to t has no option --set a_b=VALUE"):
         taken({"a_b": 1}, Empty, "t")
 
 

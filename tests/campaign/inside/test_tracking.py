@@ -15,7 +15,8 @@ from etude.campaign.propose.constraints import constraints_now, constraints_then
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits import HIDDEN
-from etude.trajectories import FourierTrajectory
+from etude.protocols import Trajectory
+from etude.trajectories import FourierTrajectory, PointToPoint
 from etude.types import Proof
 from journal_facts import fact
 
@@ -144,8 +145,10 @@ def test_without_margins_nothing_is_kept_or_stored(tmp_path: Path) -> None:
 def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) -> None:
     campaign, _ = create_campaign(tmp_path / "sky", "quadrotor")
 
-    def box(*largest: float) -> Proof:
-        """The row of x after logs with these errors."""
+    series = FourierTrajectory(np.zeros((3, 3)), 1.0, 10.0)
+
+    def box(*largest: float, motion: Trajectory = series) -> Proof:
+        """The row of x of a motion after series with these errors."""
         rounds = {
             i: Round(
                 i,
@@ -160,12 +163,14 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
             for limit in campaign.limits(constraints_now(campaign, State(rounds=rounds)).margins)
             if limit.name == "position"
         ]
-        return found.prove(FourierTrajectory(np.zeros((3, 3)), 1.0, 10.0))[0]
+        return found.prove(motion)[0]
 
     assert (box().tracking_margin, box().confidence) == (1.0, 0.0)  # no log shows that it is enough
     assert (box(0.1).tracking_margin, box(0.1).confidence) == (1.0, 0.95)
     assert box(0.5).tracking_margin == pytest.approx(1.5)
     assert box(0.5, 0.6, 0.4, 0.1).tracking_margin == pytest.approx(1.0)  # 0.9 is less than its owner keeps
+    move = PointToPoint(np.array([np.zeros(3), np.ones(3)]), 1.0)
+    assert (box(0.5, motion=move).tracking_margin, box(0.5, motion=move).confidence) == (1.5, 0.0)
     half = box(50.0)
     assert (half.tracking_margin, half.confidence) == (5.0, 0.0)
     thesis, _ = create_campaign(tmp_path / "thesis", "quadrotor", "thesis")

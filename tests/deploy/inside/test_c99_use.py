@@ -240,9 +240,9 @@ def test_float_is_refused_where_it_would_be_wrong() -> None:
 
 
 def test_options_that_a_target_does_not_know_are_refused(model: LearnedModel) -> None:
-    with pytest.raises(UsageError, match="--to c has no option --colour") as error:
+    with pytest.raises(UsageError, match="--to c has no option --set colour=VALUE") as error:
         C99(model, ARM, arm_spec(), {"colour": "red"})
-    assert "--variance" in error.value.next_step
+    assert "--variance, --no-fade, --single, --rate" in error.value.next_step
     with pytest.raises(UsageError, match="double or float"):
         C99(model, ARM, arm_spec(), {"real": "half"})
 
@@ -277,6 +277,8 @@ def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: 
     (why,) = (s for s in found.said if "of each command is written" in s)
     assert float(why.split()[3]) == pytest.approx(whole, rel=0.2)
     assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
+    (apart,) = (s for s in found.said if s.startswith("etude predict averages the candidates."))
+    assert any(float(word) > 0.0 for word in re.findall(r"(\S+) pwm", apart))
     # where no rate is named all of them are written, and where none keeps it the points that would are said
     assert found.files != C99(both, ARM, arm_spec(), {}).files
     with pytest.raises(UsageError) as error:

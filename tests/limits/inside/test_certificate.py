@@ -16,6 +16,7 @@ from etude.limits import (
     NormLimit,
     certify,
     certify_bytes,
+    in_words,
     require_certified,
     scaled,
     slack,
@@ -219,6 +220,8 @@ def test_what_is_not_looked_at_is_a_row_and_no_failure() -> None:
     assert certificate.ok
     assert [row.status for row in certificate.rows[-2:]] == ["not verified", "sampled"]
     assert np.isnan(slack(certificate.rows[-2]))
+    assert "The current of motor: no model." in certificate.not_verified
+    assert in_words(certificate.rows[-2]) == "not verified: no model"
     assert certificate.worst.quantity != "current"
     sampled = replace(certificate.rows[-1], proved_upper=2.0)
     assert Certificate((*certificate.rows[:-1], sampled), 0.0).failed == (sampled,)

@@ -148,10 +148,10 @@ def test_a_joint_that_is_none_is_refused_before_anything_is_made_or_trusted(
     assert ", ".join(names) in error["next_step"]
     assert not Path("lab").exists()
     assert not trust_file().exists()
-    assert "is trusted from now on" not in told.err
+    assert "trusted from now on" not in told.err
     path.write_text(text.replace("elbw", names[-1]))
     assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
-    assert "is trusted from now on" in capsys.readouterr().err
+    assert "trusted from now on" in capsys.readouterr().err
     assert str(path) in trust_file().read_text()
 
 
@@ -246,8 +246,8 @@ def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -
     ("line", "said"),
     [
         ("heigth = 0.3", "unknown key 'heigth'"),
-        ('height = "low"', "height = 'low' is not possible"),
-        ("normal = [0.0, 1.0]", "normal = [0.0, 1.0] is not possible"),
+        ('height = "low"', 'height takes a number, not "low"'),
+        ("normal = [0.0, 1.0]", "normal takes a list of 3 entries, each a number, not [0.0, 1.0]"),
         ("", "missing height"),
     ],
 )
@@ -270,7 +270,7 @@ def test_keys_without_a_star_are_named_with_the_signature(place) -> None:
 def test_a_kind_that_is_not_there_is_refused(place) -> None:
     path = place / "arm.toml"
     path.write_text(path.read_text().replace("my_limits:plane", "plain"))
-    with pytest.raises(UsageError, match=r"no 'plain' among etude\.limits"):
+    with pytest.raises(UsageError, match="no limit 'plain'"):
         etude.load_robot(path)
 
 

@@ -45,6 +45,20 @@ def test_a_unit_in_the_file_is_kept_and_one_in_the_mapping_wins() -> None:
     assert list(mapped(raw, LogConfig({"q_a [rad]": "Winkel [deg]"})).values) == ["q_a [rad]", "Zeit"]
 
 
+def test_commands_of_a_drive_do_not_stand_beside_others(tmp_path: Path) -> None:
+    """Per mille of one joint would be learned as its N m."""
+    path = foreign(tmp_path / "run.csv")
+    first = next(iter(MOTORS))
+    names = {f"{to} [‰]" if to == first else to: header for to, header in NAMES.items()}
+    with pytest.raises(DataError, match=rf"{first} \[‰\].*one is in N m, as in \"{first}\" = \"0.33"):
+        read_log(path, CHANNELS, rate=RATE, limits=LIMITS, config=LogConfig(names))
+    scaled = names | {f"{first} [‰]": "", first: f"0.5 * {MOTORS[first]}"}
+    log = read_log(
+        path, CHANNELS, rate=RATE, limits=LIMITS, config=LogConfig({k: v for k, v in scaled.items() if v})
+    )
+    np.testing.assert_allclose(log["command"][:, 0], 0.5 * LOG["command"][:, 0], atol=1e-9)
+
+
 def test_what_is_mapped_takes_the_place_of_a_column_of_that_name() -> None:
     raw = raw_log({"q_a": np.zeros(3), "filtered": np.ones(3), "aside": np.ones(3)}, "x")
     found = mapped(raw, LogConfig({"q_a": "filtered"}, ignored=("aside",)))

@@ -333,8 +333,8 @@ def test_what_cannot_be_trained_is_refused(data) -> None:
     [
         ({"rung": "magic"}, "rung must be one of"),
         ({"choose_by": "luck"}, "choose_by must be one of"),
-        ({"kernel": "rbf"}, "kernel must be one of"),
-        ({"process": "magic"}, "process must be one of exact, fitc"),
+        ({"kernel": "rbf"}, "there is no kernel 'rbf'"),
+        ({"process": "magic"}, "there is no member of the model family 'magic'.*exact, fitc"),
         ({"sharing": "some"}, "sharing must be one of"),
         ({"floor_of": "luck"}, "floor_of must be one of"),
         ({"prior": "strong"}, "prior must be one of"),

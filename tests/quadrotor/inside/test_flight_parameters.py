@@ -124,6 +124,15 @@ def test_constants_are_found_again_within_their_intervals(count: int, flown_with
     assert rows["centre of mass y"]["set"].startswith("CA_ROTOR*_PY = CA_ROTOR*_PY -0.00")
 
 
+def test_hover_thrust_is_that_of_the_curve_that_can_be_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thrust that grows less than the command: PX4's curve is then 0, and hovering takes the command."""
+    monkeypatch.setitem(TRUTH, "thrust curve", -0.15)
+    spec = spec_of(4)
+    rows = told(spec, [flown(spec, seed) for seed in range(2)])
+    assert rows["thrust curve"]["set"] == "THR_MDL_FAC = 0.00"
+    assert rows["hover thrust with that curve"]["value"] == pytest.approx(HOVER, rel=0.005)
+
+
 def test_what_logs_contradict_each_other_in_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two long logs, of motors that lag otherwise: the interval of each alone excludes the other."""
     spec = spec_of(4)

@@ -205,7 +205,10 @@ def given(**options: Any) -> dict[str, Any]:
     for word in values.pop("more", ()):
         name, equals, value = word.partition("=")
         if not (name and equals):
-            raise UsageError(f"--set takes NAME=VALUE, not {word!r}")
+            raise UsageError(
+                f"--set takes NAME=VALUE, not {word!r}",
+                next_step="Write a name, = and a value, without blanks.",
+            )
         name = name.replace("-", "_")
         if name in values:
             raise UsageError(

@@ -303,13 +303,15 @@ def ranges_of(campaign: Campaign) -> Ranges:
 
 
 def _joint_margins(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
-    """Margins for forms that occur in one motion: where two forms join, the margins of both apply."""
-    position_margins = [margins[form][0][0] for form in errors if form in margins]
-    out = {}
-    for form, (table, confidence) in margins.items():
-        most = np.max(position_margins, axis=0) if form in errors else table[0]
-        out[form] = np.concatenate([most[None], table[1:]]), confidence
-    return out
+    """Margins for forms that occur in one motion: each keeps at least the position margins that logs gave
+    the others, since the error of one piece lasts into the next.
+    """
+    measured = [margins[form][0][0] for form in errors if form in margins]
+    least = np.max(measured, axis=0) if measured else np.nan
+    return {
+        form: (np.concatenate([np.fmax(table[0], least)[None], table[1:]]), confidence)
+        for form, (table, confidence) in margins.items()
+    }
 
 
 def _error_bounds(campaign: Campaign) -> Array | None:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude.errors import DataError
+from etude.errors import DataError, did_you_mean
 from etude.logs.columns.families import members
 from etude.logs.columns.header_units import NUMBER, unit_in
 from etude.logs.columns.headers import HeaderMeanings, read_headers
@@ -75,8 +75,7 @@ def _rename(raw: Log, config: LogConfig) -> Log:
             return _with_columns(raw, available).repaired(*([AS_NAMED] if named else []))
     missing = [source.header for source in named.values() if source.header not in available]
     if missing:
-        near = difflib.get_close_matches(missing[0], list(available), 1)
-        hint = f"Did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(missing[0], available)
         hint = 'Write a factor first, with a decimal point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
         raise DataError(
             f"there is no column {missing[0]!r}, which [log.columns] names",

@@ -17,7 +17,7 @@ from etude.errors import DataError
 from etude.logs.columns.families import answer, family_of, rivals
 from etude.logs.columns.header_units import NUMBER, UNITS_TO_USE, same_dimension, unit_in
 from etude.logs.columns.headers import Column, HeaderMeanings, other_unit, read_headers, settle_bare, words_of
-from etude.logs.columns.vocabulary import SENSORS
+from etude.logs.columns.vocabulary import SENSORS, split_unit
 from etude.types import Channel
 
 LISTED = 12  # columns in a message
@@ -199,12 +199,16 @@ def _in_drive_units(
     Such a unit has no known factor to the channel's.
 
     Raises:
-        DataError: a command is stated in the unit of another quantity, or the coordinates in counts.
+        DataError: a command is stated in the unit of another quantity, some commands are in a unit of the
+            drive and others are not, or the coordinates are in counts.
     """
     if not channel.acts_on and channel.role == "command":
         return tuple(columns), []
     taken = tuple(_in_drive_unit(channel, c, u, where) for c, u in zip(columns, channel.units, strict=True))
     changed = [column.name for column, before in zip(taken, columns, strict=True) if column is not before]
+    if changed and len(changed) < len(columns):
+        others = [column.name for column in columns if column.name not in changed]
+        raise _mixed_units(channel, changed, others, where)
     advice = "[log.columns] of campaign.toml accepts a scale"
     sentence = f"Commands stay in the unit of the drive: {', '.join(changed)}; {advice}."
     return taken, [sentence] if changed else []
@@ -219,6 +223,16 @@ def _in_drive_unit(channel: Channel, column: Column, unit: str, where: str) -> C
     if stated.counted or channel.role == "command":
         raise _other_unit(channel, column, unit, where)
     return column
+
+
+def _mixed_units(channel: Channel, drive: Sequence[str], others: Sequence[str], where: str) -> DataError:
+    factor = f'"{split_unit(drive[0])[0]}" = "0.33 * HEADER"'
+    return DataError(
+        f"commands in a unit of the drive ({', '.join(drive)}) stand beside others ({', '.join(others)})",
+        where=where,
+        next_step="State in the table [log.columns] of campaign.toml what one is in "
+        f"{channel.units[0]}, as in {factor} with the file's HEADER.",
+    )
 
 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:

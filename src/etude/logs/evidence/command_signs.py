@@ -88,7 +88,7 @@ def judge(
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed_rows(alone)
         yield turned
-        yield _signs_without_reversals(stepped, fresh, order, timed)
+        yield signs_without_reversals(stepped, fresh, order, timed)
         weight = None if alone is None else _weight_question(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
@@ -96,7 +96,8 @@ def judge(
     decision = next(decisions, None)
     if decision is None:
         unknown = clock is not None and not clock.excludes_delays
-        return stepped.decision("silent", why="late" if unknown else "")
+        joints = tuple(np.flatnonzero(stepped.rows.moving).tolist()) if alone is None else exchangeable(alone)
+        return stepped.decision("silent", why="late" if unknown else "", exchangeable=joints)
     decision = decision if decision.logs else replace(decision, logs=fresh)
     return replace(decision, positions=_position_odds(decision, stepped, path, body))
 
@@ -116,20 +117,26 @@ def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decis
     return decision if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 
-def _signs_without_reversals(
+def signs_without_reversals(
     evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
 ) -> Decision | None:
     """A question on signs from the rows without reversals, where all rows together leave the signs open.
-    Presliding friction hides them at reversals.
+    Presliding friction hides them at reversals. What all rows say against it counts.
     """
     calm = evidence.without_turns
-    calm = replace(calm, rows=replace(calm.rows, groups=()))
     decision = _signs(calm, fresh, order, -np.inf if timed else _backwards(calm))
-    if decision is None or decision.odds < CERTAIN:  # of frictionless arms half a cycle late 7 at most
+    if decision is None:
         return None
-    right, inverted = evidence.variant(AS_LOGGED).signs()
-    stands = (inverted >= right)[np.array(decision.by)[evidence.joint_indices] < 0.0].all()
-    return replace(decision, level="ask") if stands else None
+    about = np.array(decision.by)[evidence.joint_indices] < 0.0
+    against = np.minimum(_plain_sign_odds(evidence)[about], 0.0)
+    # of frictionless arms half a cycle late 7 at most
+    return replace(decision, level="ask") if decision.odds + against.sum() >= CERTAIN else None
+
+
+def _plain_sign_odds(evidence: JointEvidence) -> Array:
+    """(m,) log odds of inverted signs, summed over all classes of processes."""
+    as_logged = evidence.variant(AS_LOGGED)
+    return np.asarray(log_sum(as_logged.inverted, axis=1) - log_sum(as_logged.right, axis=1))
 
 
 def _position_odds(decision: Decision, evidence: JointEvidence, path: Channel, body: Mean | None) -> float:
@@ -269,8 +276,8 @@ def _signs(
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
     ahead = best.ahead
     if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
-        plain = log_sum(as_logged.inverted, axis=1) - log_sum(as_logged.right, axis=1)
-        ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
+        apart = _plain_sign_odds(evidence) - (turned - as_is)
+        ahead = min(ahead, best.odds + float(apart[best.turned].sum()) - backwards)
     # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
     sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
     sure = sure and not evidence.variant(numbers[best.group]).strange().any()
@@ -346,6 +353,14 @@ def order_of(evidence: JointEvidence) -> ColumnOrder | None:
         barred[j, k] = -1e9
         others.append(_assigned(barred)[1])
     return ColumnOrder(columns, odds, odds - max(others))
+
+
+def exchangeable(evidence: JointEvidence) -> tuple[int, ...]:
+    """Joints that exchange columns with another one at no loss: whether they are exchanged cannot be told."""
+    gains = _gains(evidence)
+    alike = gains + gains.T > -LIKELY
+    np.fill_diagonal(alike, False)
+    return tuple(evidence.joint_indices[alike.any(axis=1)].tolist())
 
 
 def _assigned(gains: Array) -> tuple[Index, float]:

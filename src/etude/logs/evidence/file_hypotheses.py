@@ -131,8 +131,11 @@ class FileFit:
         """(n, k) the file's torque if each position were (k,) less."""
         rows = self.rows
         assert rows.torque is not None
-        torques = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
-        return np.asarray(rows.torque + torques[0] - torques[1])
+        return np.asarray(rows.torque + self.body.predict(self._states(rows.q - offset)) - self._as_logged)
+
+    @cached_property
+    def _as_logged(self) -> Array:
+        return self.body.predict(self.states)
 
     def turned(self, signs: Array) -> Array:
         """(n, k) the file's torque if joints with signs (k,) of -1 turn the other way."""

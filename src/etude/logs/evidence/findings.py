@@ -74,14 +74,14 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
 
 
 def _order_findings(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """The finding on the order. Joints whose signs are unknown may also be exchanged."""
-    silent = np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY))
+    """The finding on the order."""
     if decision.moving.sum() < 2:
         return []
-    if silent.sum() < 2:
+    if not decision.exchangeable:
         return [Finding(SWAPPED, "green", "No other order of the commands fits better.")]
-    fact = f"The order of the commands of {named(parts, silent)} cannot be determined."
-    step = f"A model file with masses, or a log with more reversals of {named(parts, silent)}, shows more."
+    names = named(parts, np.isin(np.arange(len(parts)), decision.exchangeable))
+    fact = f"Whether the commands of {names} are exchanged cannot be told."
+    step = f"A model file with masses, or a log with more reversals of {names}, tells more."
     return [Finding(SWAPPED, "cannot tell", fact, step)]
 
 

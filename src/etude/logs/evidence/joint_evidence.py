@@ -35,6 +35,7 @@ class Decision:
             runs backwards, another "order". "late" of a silent one whose commands may be late.
         positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
             no model file tells.
+        exchangeable: of a silent one, joints whose commands another order explains as well.
     """
 
     level: Level
@@ -48,6 +49,7 @@ class Decision:
     ahead: float = np.inf
     why: str = ""
     positions: float = 0.0
+    exchangeable: tuple[int, ...] = ()
 
     @property
     def clear(self) -> bool:
@@ -83,9 +85,9 @@ class JointEvidence:
     @cached_property
     def without_turns(self) -> JointEvidence:
         """The evidence of the delays alone, in the rows without reversals, where stiction plays no part."""
-        rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
+        motion, command = self.motion.without_turns, self.rows.command[..., : len(DELAYS)]
         return JointEvidence(
-            rows, self.joint_indices, WhitenedMotion.of_clock(rows, self.joint_indices), orders=False
+            replace(motion.rows, command=command, groups=()), self.joint_indices, motion, orders=False
         )
 
     @cached_property

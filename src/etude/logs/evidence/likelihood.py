@@ -194,10 +194,11 @@ class WhitenedMotion:
         """At as many points as there are sizes and memories."""
         return cls(rows, joints, GRID + (NEAR_FILE if rows.torque is not None else ()), terms=TERMS)
 
-    @classmethod
-    def of_clock(cls, rows: FilteredRows, joints: Index) -> WhitenedMotion:
-        """At the points that delays take."""
-        return cls(rows, joints, CLOCK + (NEAR_FILE if rows.torque is not None else ()), terms=CLOCK_TERMS)
+    @cached_property
+    def without_turns(self) -> WhitenedMotion:
+        """The same motion without reversals, at the points that delays take."""
+        grid = CLOCK + (NEAR_FILE if self.rows.torque is not None else ())
+        return WhitenedMotion(self.rows.without_turns(), self.joint_indices, grid, terms=CLOCK_TERMS)
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """For each point, the lower Cholesky factor of the covariance, common to all joints and columns."""

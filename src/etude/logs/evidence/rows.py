@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from etude._runtime.friction_memory import dahl
 from etude.logs.checks.filtered_motion import goes_far, runs, states_of
 from etude.logs.cleaning.filters import looked_at
 from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
@@ -239,7 +240,8 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     slides = np.array([unit != "rad" for unit in path.units])
-    gradual = _presliding(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
+    steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
+    gradual = dahl(steps, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
     soft = np.stack([np.tanh(qd / (part * top)) for part in WIDTHS], axis=2)
     gradual = np.concatenate([gradual, soft], axis=2) - (FALL * qd / top)[:, :, None]
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
@@ -256,16 +258,6 @@ def _filtered(
     }
     hats = (_hats(t, column, apart) for column in still.T)
     return rows, [smooth(t, hat, cutoff, ORDER).value[keep] if hat.size else hat[keep] for hat in hats]
-
-
-def _presliding(q: Array, distances: Array) -> Array:
-    """(n, k, e) direction of motion of positions (n, k), approached over each of `distances` (k, e)."""
-    steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
-    decay = np.exp(-np.abs(steps) / distances)
-    direction, value = np.sign(steps) * (1.0 - decay), np.zeros(distances.shape)
-    for i in range(len(q)):
-        value = direction[i] = direction[i] + decay[i] * value
-    return np.asarray(direction)
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:

@@ -211,14 +211,9 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     proved = table(header, body), *details, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
-    unverified += [_unverified_row(row) for row in certificate["rows"] if row["status"] == "not verified"]
     if unverified:
         parts.append(missing_data(f"Not verified: {' '.join(unverified)}"))
     return join(parts)
-
-
-def _unverified_row(row: Facts) -> str:
-    return f"{row['quantity']} of {row['axis']}: {row['method']}."
 
 
 def _swept_table(certificate: Facts) -> list[Html]:

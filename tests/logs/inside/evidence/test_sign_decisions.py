@@ -12,9 +12,13 @@ from made_motion import COMMAND, DRY, GRAVITY, INERTIA, NAMES, RATE, Q, command_
 from scipy.ndimage import gaussian_filter1d
 
 from etude.logs import Decision, finding_of, judge
+from etude.logs.checks.exact import LIKELY
 from etude.logs.checks.plausibility import repaired
-from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of
+from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of, signs_without_reversals
 from etude.logs.evidence.findings import green
+from etude.logs.evidence.joint_evidence import JointEvidence
+from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion
+from etude.logs.evidence.rows import DELAYS, rows_of
 from etude.testing import FakeRobot
 from etude.types import Array, Log
 
@@ -166,6 +170,41 @@ def test_an_exchange_is_not_told_of_joints_whose_force_the_place_explains() -> N
     )
 
 
+def test_an_exchange_is_not_told_of_joints_that_move_alike() -> None:
+    """Their signs are known, and either command fits either joint."""
+    log = moved()
+    q = log["q"].copy()
+    q[:, 2] = q[:, 1]
+    qd, qdd = np.gradient(q, log.t, axis=0), np.gradient(np.gradient(q, log.t, axis=0), log.t, axis=0)
+    found = decided(with_command(log.without("qd").put(Q, q), command_of(q, qd, qdd)))
+    assert found.level == "silent"
+    assert (found.sign_odds >= LIKELY).all()
+    assert found.exchangeable == (1, 2)
+
+
+class Known(JointEvidence):
+    """Evidence of one joint's signs: log odds that it is right, in all rows and in those without turns."""
+
+    @classmethod
+    def told(cls, right: float, without_turns: float = 0.0) -> Known:
+        rows = rows_of([moved().take(slice(0, 500))], Q)
+        assert rows is not None
+        joints = np.array([0])
+        known = cls(rows, joints, WhitenedMotion.of(rows, joints), orders=False)
+        odds = np.zeros((len(DELAYS), 1))
+        parts = (odds + right, odds, odds - 99.0, odds - 99.0, odds - 99.0)
+        known.__dict__["_evidence"] = ColumnEvidence(*parts)
+        known.__dict__["without_turns"] = cls.told(without_turns) if without_turns else known
+        return known
+
+
+@pytest.mark.parametrize(("all_rows", "asked"), [(0.0, True), (-5.0, True), (5.0, True), (15.0, False)])
+def test_what_all_rows_say_against_a_sign_counts(all_rows: float, asked: bool) -> None:
+    """Rows without turns call the sign inverted, by e^24 less its prior."""
+    found = signs_without_reversals(Known.told(all_rows, -24.0), (0,), None, True)
+    assert (found is not None) == asked
+
+
 class Body:
     """What a model file would say of the made motion: all but friction."""
 
@@ -193,12 +232,14 @@ def test_gravity_that_is_taken_out_is_asked_about() -> None:
 def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -> None:
     wrong = late(moved(), seconds)
     found = decided(wrong)
-    assert (found.level, found.check, found.by) == ("note", "delay", (seconds,))
+    assert (found.level, found.check) == ("note", "delay")
+    assert found.by == pytest.approx((seconds,), abs=0.003)
     mended = repaired(wrong, finding_of(found, NAMES, ["a.csv"]))
     assert decided(mended).level == "silent"
     rows = slice(200, -200)
     right = np.interp(mended.t, moved().t, moved()["command"][:, 0])
-    np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.05)
+    # commands change by 100 N m/s at most: 3 ms of them
+    np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.3)
 
 
 def rough(log: Log, size: float) -> Log:
@@ -209,7 +250,8 @@ def rough(log: Log, size: float) -> Log:
 
 def test_a_delay_is_asked_about_where_little_tells_it() -> None:
     found = decided(rough(late(moved(), 0.06), 0.04))
-    assert (found.level, found.check, found.by) == ("ask", "delay", (0.06,))
+    assert (found.level, found.check) == ("ask", "delay")
+    assert found.by == pytest.approx((0.06,), abs=0.005)
 
 
 def test_friction_that_turns_before_the_joint_does_is_no_delay() -> None:
@@ -240,7 +282,8 @@ def test_friction_that_turns_round_over_a_distance_is_no_delay(distance: float) 
     log = presliding(distance)
     assert decided(log).level == "silent"
     found = decided(late(log, 0.06))
-    assert (found.level, found.check, found.by) == ("note", "delay", (0.06,))
+    assert (found.level, found.check) == ("note", "delay")
+    assert found.by == pytest.approx((0.06,), abs=0.01)
 
 
 def test_a_sign_that_turns_blur_is_told_beside_them() -> None:
@@ -252,7 +295,8 @@ def test_a_sign_that_turns_blur_is_told_beside_them() -> None:
 def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unasked() -> None:
     wrong = late(moved(), 0.15)
     found = decided(wrong)
-    assert (found.level, found.check, found.by) == ("ask", "delay", (0.15,))
+    assert (found.level, found.check) == ("ask", "delay")
+    assert found.by == pytest.approx((0.15,), abs=0.005)
     assert decided(repaired(wrong, finding_of(found, NAMES, ["a.csv"]))).level == "silent"
 
 
@@ -304,7 +348,7 @@ def test_a_slow_log_before_it_hides_no_delay(seconds: float) -> None:
     slow, fast = moved(100.0, seed=1, pace=0.1), late(moved(seed=2), seconds)
     found = decided(slow, fast, fresh=[1])
     assert (found.level, found.check, found.logs) == ("note", "delay", (1,))
-    assert found.by == (seconds,)
+    assert found.by == pytest.approx((seconds,), abs=0.003)
     assert decided(slow, moved(seed=2), fresh=[1]).level == "silent"
 
 

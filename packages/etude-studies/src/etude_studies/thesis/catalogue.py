@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, MINIATURE, arm_spec, baseline_spec
 from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
@@ -76,7 +75,6 @@ def run_named(name: str) -> Run:
     """The run of that name. UsageError with the nearest if there is none."""
     runs = catalogue()
     if name not in runs:
-        near = difflib.get_close_matches(name, runs, 1)
-        hint = f"Did you mean {near[0]}? " if near else ""
-        raise UsageError(f"there is no run {name!r}", next_step=f"{hint}Known: {', '.join(runs)}.")
+        step = f"{did_you_mean(name, runs)}Known: {', '.join(runs)}."
+        raise UsageError(f"there is no run {name!r}", next_step=step)
     return runs[name]

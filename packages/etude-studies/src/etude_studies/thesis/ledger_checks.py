@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 from etude_studies.thesis import parts
 
 if TYPE_CHECKING:
@@ -136,8 +135,7 @@ def _require_known(ids: Iterable[str], valid: Iterable[str], what: str, where: s
     names = list(valid)
     for id in ids:
         if id not in names:
-            near = difflib.get_close_matches(id, names, 1)
-            step = f"Did you mean {near[0]}?" if near else "Correct it."
+            step = did_you_mean(id, names).rstrip() or "Correct it."
             raise UsageError(f"there is no {what} {id}", where=where, next_step=step)
 
 
@@ -151,8 +149,7 @@ def _sources(sources: Iterable[str], where: str) -> None:
 
 def _measure(name: str, where: str) -> None:
     if name not in MEASURES:
-        near = difflib.get_close_matches(name, MEASURES, 1)
-        step = f"Did you mean {near[0]}?" if near else f"There are {', '.join(MEASURES)}."
+        step = did_you_mean(name, MEASURES).rstrip() or f"There are {', '.join(MEASURES)}."
         _refuse(f"names the measure {name!r}, which is not recorded", where, step)
 
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.options import taken
-from etude.deploy.model_states import outside_training_sentence
+from etude.deploy.model_states import log_of, outside_training_sentence
 from etude.deploy.targets.c99.header import CForm, header
 from etude.deploy.targets.c99.plan import Plan, parts_in_c, planned, process_code, renamed
-from etude.deploy.targets.c99.self_test import EXACT, float_tolerance, golden_vectors, self_test
+from etude.deploy.targets.c99.self_test import EXACT, SOURCE, float_tolerance, golden_vectors, self_test
 from etude.deploy.targets.c99.source import drag_files, source
 from etude.errors import EtudeError, UsageError
 from etude.models.learned_model import LearnedModel
@@ -299,7 +299,25 @@ def checked_files(
         sentences.append(
             f"All candidates take {1e6 * whole:.0f} us: so only the best member of each command is written."
         )
+    if alone or fitted:
+        sentences += _differences(made, model)
     return made, (*sentences, _checked(build)), _facts(made, build)
+
+
+def _differences(made: Files, model: LearnedModel) -> list[str]:
+    """Sentence on how far the best candidates alone are from all of them, within the training ranges."""
+    plan, fade = made.plan, made.form.fade
+    states = golden_vectors(plan, fade=fade).inputs
+    inside = ((states >= plan.low) & (states <= plan.high)).all(axis=1)
+    log = log_of(plan.channels, states, SOURCE)
+    whole, written = (one.predict(log, fade=fade).mean[inside] for one in (model, plan.model))
+    if not inside.any() or np.array_equal(whole, written):
+        return []
+    names = zip(model.commands, plan.units, np.abs(whole - written).max(axis=0).tolist(), strict=True)
+    most = ", ".join(f"{name} {size:.2g} {unit}" for name, unit, size in names)
+    return [
+        f"etude predict averages the candidates. Within the training ranges this differs by up to {most}."
+    ]
 
 
 def _require_right(build: Built | None, plan: Plan) -> None:
