@@ -46,7 +46,7 @@ class Common:
         if folder is None:
             raise UsageError(
                 "--trust needs a command with a campaign's folder",
-                next_step="Give it once: Give it once: etude status FOLDER --trust.",
+                next_step="Give it once: etude status FOLDER --trust.",
             )
         trust_campaign(folder)
         return Path(folder)

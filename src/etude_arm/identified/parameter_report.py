@@ -293,7 +293,7 @@ def _readme(
 - m c and I are about the link's own origin, along its axes. Armature and friction are those at the drives.
 - friction.h is the friction as a C function, with the speeds of Stribeck's dip and the dead band.
 - Dead band: the largest command that makes no torque. Backlash: between encoder and link. Logs cannot show
-one between motor and encoder.
+  one between motor and encoder.
 - Evidence: nats for the term against none; a term is shown above {SHOWN:g}.
 
 | parameter | value | 95 % | unit | file | known |

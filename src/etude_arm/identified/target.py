@@ -269,8 +269,8 @@ def _readme(
 {sentences}
 - Every link's inertia is physically possible{"" if possible else ": NO, do not use this file"}.
 - Only combinations of parameters show in the joints' forces. The other combinations stay as near as possible
-to the model file; `share` in identifiability.csv is the part of a parameter's variance that the logs removed
-(measured: above {MEASURED:g}, partly: above {PARTLY:g}).
+  to the model file; `share` in identifiability.csv is the part of a parameter's variance that the logs
+  removed (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
 - Friction and damping of the joints are written too. Armature, which a URDF has no place for:
   {_armature(fit, spec)}.
 

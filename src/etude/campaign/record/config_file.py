@@ -168,7 +168,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "gain_per_minute": "stop when a smaller fraction of the remaining variance is removed per robot "
         "minute; 0: off",
         "setup_s": "robot time of each trajectory besides its duration, in s",
-        "budget_trajectories": "largest number of largest number of largest number of logs; 0 for no limit",
+        "budget_trajectories": "largest number of logs; 0 for no limit",
         "budget_minutes": "largest recorded motion in minutes; 0 for no limit",
         "consecutive": "number of successive logs that must agree before a rule stops the campaign",
     },
