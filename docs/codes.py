@@ -16,7 +16,7 @@ next step. Programs read the code and the fields. Sentences are for people, and 
 
 ```json
 {"code": "logs_missing", "fields": {"logs": 1}, "next_step": null, "step": "",
- "sentence": "1 more log before a rule can fire"}
+ "sentence": "1 more log before a stop rule applies"}
 ```
 
 Per cent are parts of 1 in the fields. `docs/codes.py` writes this page from the table in `etude.codes`.

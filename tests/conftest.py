@@ -20,7 +20,7 @@ def judged_once() -> Iterator[None]:
     from etude.logs.evidence import command_signs, contradictions
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command_signs, "judge", once(command_signs.judge))
+        patch.setattr(command_signs, "sign_decision", once(command_signs.sign_decision))
         patch.setattr(contradictions, "change_within", once(contradictions.change_within))
         yield
 

@@ -46,8 +46,8 @@ def test_json_carries_code_fields_step_and_light() -> None:
             NOTICE,
             f"hip, knee: {OTHERS}, a constant would have predicted as well",
         ),
-        (Notice(Stop.LOGS_MISSING, {"logs": 1}), "1 more log before a rule can fire"),
-        (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a rule can fire"),
+        (Notice(Stop.LOGS_MISSING, {"logs": 1}), "1 more log before a stop rule applies"),
+        (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a stop rule applies"),
         (
             Notice(Stop.TOLERANCE, {"forecast": 0.0123, "goal": 0.02}),
             "The expected command error is 1.2 % of the command limit, within 2 %",

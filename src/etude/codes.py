@@ -171,16 +171,16 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
     OfFile.PROVED_BEFORE: "{file} was certified before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
-    Refusal.NOT_DECIDED: "no decision against {against}: {segments} segments that neither model was "
-    "trained on, but {needed} are needed",
+    Refusal.NOT_DECIDED: "not decided against {against}: {segments:|segment|segments} that neither model was "
+    "trained on, {needed} are needed",
     Refusal.NOT_YET_BETTER: "not yet better than {against}: errors {ratio:.3g} times as large (95 %: "
-    "{lower:.3g} to {upper:.3g}, {segments} segments), more logs can decide this",
+    "{lower:.3g} to {upper:.3g}, {segments:|segment|segments}), more logs can decide this",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
-    "{upper:.3g}, {segments} segments)",
+    "{upper:.3g}, {segments:|segment|segments})",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
     Refusal.INTERVALS_MISS: "its 95 % intervals hold {coverage} of held-out commands; at least {least:.0f %} "
     "are required",
-    Stop.BUDGET_LOGS: "The budget of {logs} logs is used up",
+    Stop.BUDGET_LOGS: "The budget of {logs:|log|logs} is used up",
     Stop.BUDGET_TIME: "The budget of {minutes:g} min of motion is used up",
     Stop.TOLERANCE: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}",
     Stop.NOISE: "The remaining variance is below {fraction:g} of the noise variance on every axis",
@@ -188,7 +188,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "minute of robot time",
     Stop.DOUBTED: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}, "
     "but {doubt}",
-    Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
+    Stop.LOGS_MISSING: "{logs:|more log|more logs} before a stop rule applies",
     Stop.OPEN: "No stop rule applies yet: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
     Phrase.LEFT_OUT: "on {logs} motions, each predicted from the others",

@@ -158,8 +158,8 @@ def _check_search(spec: ArmSpec, where: str) -> None:
     for axis, low, pose, high in zip(spec.axes, sides["lower"], search.home, sides["upper"], strict=True):
         if not (axis.lower <= low <= pose <= high <= axis.upper):
             raise UsageError(
-                f"home or box of joint '{axis.name}' is outside its limits: {low:g}, {pose:g}, {high:g} in "
-                f"{axis.lower:g}..{axis.upper:g}",
+                f"home of joint '{axis.name}' is not inside its box, or the box not inside its limits: home "
+                f"{pose:g}, box {low:g} to {high:g}, limits {axis.lower:g} to {axis.upper:g}",
                 where=f"{where} [search]",
                 next_step="Correct it, or remove [search], which is then computed.",
             )

@@ -80,7 +80,7 @@ class Vehicle:
         return np.asarray(np.linalg.inv(allocation) if square else np.linalg.pinv(allocation))
 
     def steady_voltage(self, speed: Array) -> Array:
-        """Voltage that maintains a rotor speed in rad/s: back-EMF, and the current that balances the drag."""
+        """Voltages (...,) V that hold rotor speeds (...,) rad/s: back-EMF, and the current against drag."""
         current = self.torque_constant * speed * np.abs(speed) / self.motor_constant
         return np.asarray(self.resistance * current + self.motor_constant * speed)
 

@@ -173,9 +173,8 @@ def _guarded(arguments: list[str]) -> int:
             return _report(as_json, "PluginError", *details, 2)
         return 2 if exit.code else 0  # tyro has printed the help
     except EtudeError as error:
-        return _report(
-            as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code
-        )
+        where = ", ".join(place for place in (error.where, _in_plugin(error)) if place)
+        return _report(as_json, type(error).__name__, error.fact, where, error.next_step, error.exit_code)
     except KeyboardInterrupt:
         return _report(as_json, "Interrupted", KEPT, "", "", INTERRUPTED)
     except BrokenPipeError:
@@ -199,6 +198,14 @@ def _report_unexpected(error: Exception, as_json: bool) -> int:
     traceback.print_exception(error)
     fact = f"this is a bug in etude: {type(error).__name__}: {error}"
     return _report(as_json, "Bug", fact, "", "No stored data was lost; please report it.", 1)
+
+
+def _in_plugin(error: EtudeError) -> str:
+    """The plug-in that raised an error on purpose, or called what did; "" if none took part."""
+    from etude.plugins import raised_in
+
+    origin = raised_in(error)
+    return "" if origin is None else f"in the plug-in {origin[0]}, {origin[1]}"
 
 
 def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:

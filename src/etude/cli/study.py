@@ -42,7 +42,14 @@ FLAGS = {"pythons": "--python", "logs": "--logs", "method": "--method"}
 
 
 class ListedStudy(Protocol):
-    """One row of `etude study list`: what it is asked for by, a line, committed seeds, a verdict's word."""
+    """One row of `etude study list`.
+
+    Attributes:
+        id: its name on the command line. what: one line for people.
+        seeds: number of seeds with results in the package.
+        verdict: the word of a claim's verdict; "" if it has none.
+        command: the command line that computes it.
+    """
 
     @property
     def id(self) -> str: ...
@@ -57,7 +64,7 @@ class ListedStudy(Protocol):
 
 
 @runtime_checkable
-class StudyRoom(Protocol):
+class StudiesPackage(Protocol):
     """A study of many ids: an object in the place of a function. Text is for people, data for machines."""
 
     def rows(self) -> Sequence[ListedStudy]: ...
@@ -113,15 +120,15 @@ def functions() -> dict[str, str]:
     """Studies that are a function each: name -> what the first line of its module says."""
     lines = {}
     for name, study in _load_studies().items():
-        if not isinstance(study, StudyRoom):
+        if not isinstance(study, StudiesPackage):
             text = inspect.getdoc(inspect.getmodule(study)) or ""
             lines[name] = text.partition("\n")[0].partition(": ")[2]
     return lines
 
 
-def rooms() -> list[StudyRoom]:
+def rooms() -> list[StudiesPackage]:
     """Studies of many ids."""
-    return [room for room in _load_studies().values() if isinstance(room, StudyRoom)]
+    return [room for room in _load_studies().values() if isinstance(room, StudiesPackage)]
 
 
 def _load_studies() -> dict[str, Any]:
@@ -133,7 +140,7 @@ def _load_studies() -> dict[str, Any]:
     return studies
 
 
-def room_of(id: str) -> StudyRoom | None:
+def room_of(id: str) -> StudiesPackage | None:
     """The study that has this id."""
     return next((room for room in rooms() if room.knows(id)), None)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from etude.logs.cleaning.filters import duration, median_rate, smooth, without_lag
     from etude.logs.cleaning.read import clean_log, matched_log, read_log
     from etude.logs.columns.matching import match_columns
-    from etude.logs.evidence.command_signs import judge
+    from etude.logs.evidence.command_signs import sign_decision
     from etude.logs.evidence.findings import finding_of
     from etude.logs.evidence.joint_evidence import Decision
     from etude.logs.readers.cells import header_row, restored, text_cell
@@ -34,7 +34,6 @@ __all__ = [
     "duration",
     "finding_of",
     "header_row",
-    "judge",
     "judge_motion",
     "judge_numbers",
     "largest_errors",
@@ -50,6 +49,7 @@ __all__ = [
     "read_raw",
     "restored",
     "seen",
+    "sign_decision",
     "smooth",
     "text_cell",
     "tracked",

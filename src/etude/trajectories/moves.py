@@ -56,7 +56,7 @@ class PointToPoint:
             raise UsageError(f"waypoints must be a finite (K >= 2, axes) table, not {points.shape}")
         moves = (len(points) - 1, points.shape[1])
         for name in ("peak_velocity", "peak_acceleration", "peak_jerk"):
-            object.__setattr__(self, name, _per_move(name, getattr(self, name), moves))
+            object.__setattr__(self, name, _positive_table(name, getattr(self, name), moves))
         if not (math.isfinite(self.dwell) and self.dwell >= 0.0):
             raise UsageError(f"the dwell must be a number of seconds >= 0, not {self.dwell}")
         points.setflags(write=False)
@@ -98,7 +98,11 @@ class PointToPoint:
             UsageError: other than 1 to 4 orders.
         """
         if not 1 <= orders <= 1 + len(PEAKS):
-            raise UsageError(f"a point-to-point motion has the orders 1 to {1 + len(PEAKS)}, not {orders}")
+            raise UsageError(
+                f"a point-to-point motion has the orders 1 to {1 + len(PEAKS)}, not {orders}",
+                where=f"motion(t, {orders})",
+                next_step=f"Ask for {1 + len(PEAKS)} at most: position and its derivatives up to jerk.",
+            )
         t, times = np.asarray(t, dtype=float), self.times
         starts = self.dwell + np.concatenate([[0.0], np.cumsum(times + self.dwell)[:-1]])
         k = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(times) - 1)
@@ -155,15 +159,20 @@ class PointToPoint:
         return to_text(self.form, {name: getattr(self, name) for name in names})
 
 
-def _per_move(name: str, value: Array | float, moves: tuple[int, int]) -> Array:
+def _positive_table(name: str, value: Array | float, moves: tuple[int, int]) -> Array:
+    """(M, k), read-only: a value for each axis in each move. UsageError: another shape; not above 0."""
     try:
         table = np.array(np.broadcast_to(np.asarray(value, dtype=float), moves))
     except ValueError:
         raise UsageError(
-            f"{name} has shape {np.shape(value)}, which does not fit {moves} moves and axes"
+            f"{name} has shape {np.shape(value)}, which does not fit {moves} moves and axes",
+            next_step="Give one number, one of each axis, or one of each axis in each move.",
         ) from None
     if not np.all(table > 0.0):
-        raise UsageError(f"{name} must be positive")
+        wrong = float(table[~(table > 0.0)][0])
+        raise UsageError(
+            f"{name} must be positive, not {wrong:g}", next_step="A size without a sign is meant."
+        )
     table.setflags(write=False)
     return table
 

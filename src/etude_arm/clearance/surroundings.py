@@ -43,7 +43,13 @@ Point = tuple[float, float, float]
 
 def _check(fits: bool, fact: str) -> None:
     if not fits:
-        raise UsageError(fact)
+        raise UsageError(fact, next_step="Correct it in the robot file.")
+
+
+def _check_finite(what: str, *numbers: float) -> None:
+    stated = ", ".join(f"{number:g}" for number in numbers)
+    several = "finite numbers" if len(numbers) > 1 else "a finite number"
+    _check(all(map(math.isfinite, numbers)), f"{what} needs {several}, not {stated}")
 
 
 @dataclass(frozen=True)
@@ -63,9 +69,8 @@ class Collision:
     look: bool = True
 
     def __post_init__(self) -> None:
-        _check(
-            math.isfinite(self.margin) and self.margin > 0.0, f"margin must be above 0 m, not {self.margin}"
-        )
+        _check_finite("margin", self.margin)
+        _check(self.margin > 0.0, f"margin must be above 0 m, not {self.margin:g}")
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class Floor:
     height: float
 
     def __post_init__(self) -> None:
-        _check(math.isfinite(self.height), f"height must be a number of metres, not {self.height}")
+        _check_finite("height", self.height)
 
 
 @dataclass(frozen=True)
@@ -88,9 +93,9 @@ class Box:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.centre, *self.size, self.turn)
-        fits = all(map(math.isfinite, numbers)) and min(self.size) > 0.0
-        _check(fits, f"box '{self.name}' needs a finite centre and edges above 0 m")
+        for what, numbers in {"centre": self.centre, "size": self.size, "turn": (self.turn,)}.items():
+            _check_finite(f"{what} of box '{self.name}'", *numbers)
+        _check(min(self.size) > 0.0, f"box '{self.name}' needs edges above 0 m, not {min(self.size):g}")
 
 
 @dataclass(frozen=True)
@@ -102,8 +107,9 @@ class Wall:
     normal: Point
 
     def __post_init__(self) -> None:
-        fits = all(map(math.isfinite, (*self.point, *self.normal))) and math.hypot(*self.normal) > SHORTEST
-        _check(fits, f"wall '{self.name}' needs a finite point and a normal that is not zero")
+        _check_finite(f"point of wall '{self.name}'", *self.point)
+        _check_finite(f"normal of wall '{self.name}'", *self.normal)
+        _check(math.hypot(*self.normal) > SHORTEST, f"wall '{self.name}' needs a normal that is not zero")
 
 
 @dataclass(frozen=True)
@@ -126,8 +132,9 @@ class Column:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        fits = math.isfinite(self.radius) and self.radius > 0.0 and all(map(math.isfinite, self.centre))
-        _check(fits, f"column needs a radius above 0 m, not {self.radius}")
+        _check_finite("centre of column", *self.centre)
+        _check_finite("radius of column", self.radius)
+        _check(self.radius > 0.0, f"column needs a radius above 0 m, not {self.radius:g}")
 
 
 @dataclass(frozen=True)

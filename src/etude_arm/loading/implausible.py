@@ -36,7 +36,7 @@ def alike(spec: ArmSpec) -> bool:
     """Whether most moving parts of the robot's model file share one inertia; no mesh is read."""
     if spec.model_file is None or not spec.model_file.is_file():
         return False
-    return of_file(_cached, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
+    return of_file(_cached, spec, lambda: bool(_sharing_one_inertia(*_parts(load_arm(spec, shapes=False)))))
 
 
 def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
@@ -48,7 +48,7 @@ def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
 def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     """A sentence on placeholder inertias of the moving parts; () if there are none."""
     model, parts = _parts(loaded)
-    same, large = _alike(model, parts), _large(model, parts)
+    same, large = _sharing_one_inertia(model, parts), _large(model, parts)
     why = [f"those of {_few(same)} are the same"] if same else []
     why += [f"those of {_few(large)} are of bodies larger than these links"] if large else []
     if not why:
@@ -59,7 +59,7 @@ def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     )
 
 
-def _alike(model: mujoco.MjModel, parts: list[int]) -> list[str]:
+def _sharing_one_inertia(model: mujoco.MjModel, parts: list[int]) -> list[str]:
     """Parts that share one inertia, if they are the majority."""
     figures = {b: tuple(np.round(model.body_inertia[b], DIGITS).tolist()) for b in parts}
     if not figures:

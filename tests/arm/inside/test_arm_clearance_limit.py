@@ -21,7 +21,7 @@ from etude_arm import KIND
 from etude_arm.clearance.clearance_limit import TAKEN
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.robot_clearance import clearance_of, search_of
-from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
+from etude_arm.clearance.surroundings import Box, Collision, Column, Floor, Room, Search, Surroundings, Wall
 from etude_arm.description import describe
 from etude_arm.motions import family, limits
 from etude_arm.motions import tests as motions_of_tests
@@ -174,6 +174,7 @@ def test_the_robot_file_holds_what_stands_around(tmp_path) -> None:
         box=(Box("table", (0.5, 0.0, 0.1), (0.2, 0.4, 0.2), 0.3),),
         wall=(Wall("fence", (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),),
         room=Room((-2.0, -2.0, -2.0), (2.0, 2.0, 2.0)),
+        column=Column(0.8, (0.1, 0.0)),
         search=Search((0.0, 0.1, 0.2), (-1.0,) * 3, (1.0,) * 3),
     )
     spec = planar_spec(tmp_path, around)
@@ -184,8 +185,20 @@ def test_the_robot_file_holds_what_stands_around(tmp_path) -> None:
         assert f"[{table}" not in robot_to_toml(plain, folder=tmp_path)
     for old, new, fact in (
         ("home = [0.0, 0.1, 0.2]", "home = [0.0, 0.1]", "home has 2 numbers"),
-        ("home = [0.0, 0.1, 0.2]", "home = [0.0, 3.1, 0.2]", "joint 'j2' is outside its limits"),
-        ("margin = 0.02", "margin = -0.02", "margin must be above 0"),
+        ("home = [0.0, 0.1, 0.2]", "home = [0.0, 3.1, 0.2]", "home 3.1, box -1 to 1, limits"),
+        ("margin = 0.02", "margin = nan", "margin needs a finite number, not nan"),
+        ("height = -0.1", "height = inf", "height needs a finite number, not inf"),
+        (
+            "[0.5, 0.0, 0.1]",
+            "[0.5, nan, 0.1]",
+            "centre of box 'table' needs finite numbers, not 0.5, nan, 0.1",
+        ),
+        ("[0.2, 0.4, 0.2]", "[0.2, 0.0, 0.2]", "box 'table' needs edges above 0 m, not 0"),
+        ("[1.0, 0.0, 0.0]", "[inf, 0.0, 0.0]", "point of wall 'fence' needs finite numbers"),
+        ("[-1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "wall 'fence' needs a normal that is not zero"),
+        ("radius = 0.8", "radius = 0.0", "column needs a radius above 0 m, not 0"),
+        ("centre = [0.1, 0.0]", "centre = [nan, 0.0]", "centre of column needs finite numbers, not nan, 0"),
+        ("margin = 0.02", "margin = -0.02", "margin must be above 0 m, not -0.02.*robot file"),
     ):
         with pytest.raises(UsageError, match=fact):
             parse_robot(text.replace(old, new), where="robot.toml", folder=tmp_path)

@@ -13,7 +13,7 @@ from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
 from etude.campaign import Campaign, Evaluated, Round, State
-from etude.campaign.evaluate.stopping import judge
+from etude.campaign.evaluate.stopping import stop_verdict
 from etude.campaign.record.alerts import campaign_alerts
 from etude.campaign.record.state import CHANGED
 from etude.cli import main
@@ -262,8 +262,8 @@ HARM = [({"coverage": 0.79}, "79 %"), ({"red": (INVERTED,)}, "log 3: its sign is
 def test_no_rule_fires_while_the_model_may_do_harm(
     harm: dict[str, Any], words: str, rule: str, change: dict[str, Any]
 ) -> None:
-    assert judge(series(change, change), CONFIG).rule == rule
-    verdict = judge(series(change, {**change, **harm}), CONFIG)
+    assert stop_verdict(series(change, change), CONFIG).rule == rule
+    verdict = stop_verdict(series(change, {**change, **harm}), CONFIG)
     assert (verdict.stop, verdict.usable) == (False, False)
     assert words in verdict.reason
 
@@ -271,19 +271,19 @@ def test_no_rule_fires_while_the_model_may_do_harm(
 @pytest.mark.parametrize(("harm", "words"), HARM)
 def test_a_spent_budget_stops_and_does_not_praise_the_model(harm: dict[str, Any], words: str) -> None:
     spent = replace(CONFIG, budget_trajectories=2)
-    verdict = judge(series({}, harm), spent)
+    verdict = stop_verdict(series({}, harm), spent)
     assert (verdict.stop, verdict.rule, verdict.usable) == (True, "budget", False)
     assert words in verdict.reason
-    assert judge(series({}, {}), spent).usable
-    assert judge(series({}, {"coverage": 0.81}), CONFIG).usable
+    assert stop_verdict(series({}, {}), spent).usable
+    assert stop_verdict(series({}, {"coverage": 0.81}), CONFIG).usable
     assert OPEN.red == ()
 
 
 @pytest.mark.parametrize("harm", [own for own, _ in HARM])
 def test_where_no_rule_has_fired_the_reason_stands_alone(harm: dict[str, Any]) -> None:
     for logs, code in ((1, Stop.LOGS_MISSING), (2, Stop.OPEN)):
-        found = judge(series(*[{}] * (logs - 1), harm), CONFIG)
+        found = stop_verdict(series(*[{}] * (logs - 1), harm), CONFIG)
         assert (found.said.code, found.usable, ", but " in found.reason) == (code, False, False)
     doubted = {"forecast": 0.01, "calibration": 2.5}
-    found = judge(series(doubted, {**doubted, **harm}), CONFIG)
+    found = stop_verdict(series(doubted, {**doubted, **harm}), CONFIG)
     assert (found.said.code, found.reason.count(", but ")) == (Stop.DOUBTED, 2)

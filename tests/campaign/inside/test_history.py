@@ -12,7 +12,7 @@ import pytest
 
 from etude.campaign import Campaign, Round, State
 from etude.campaign.evaluate.status import expected_error
-from etude.campaign.evaluate.stopping import POOLED, calibration_factor, judge, seen_by_the_rule
+from etude.campaign.evaluate.stopping import POOLED, calibration_factor, seen_by_the_rule, stop_verdict
 from etude.campaign.training import slow_motion
 from etude.codes import NextStep, Notice, Stop, Warn
 from journal_facts import trained
@@ -62,7 +62,7 @@ def test_a_forecast_of_slow_logs_stops_nothing_and_is_not_shown(campaign: Campai
     for warnings, code in (([], Stop.TOLERANCE), ([notice.to_json()], Stop.DOUBTED)):
         evidence = seen_by_the_rule(campaign, state(*[[1.0, 1.0]] * 4, **good, warnings=warnings))
         config = replace(campaign.config.stop, command_tolerance=0.01)
-        assert judge(evidence, config).said.code == code
+        assert stop_verdict(evidence, config).said.code == code
         assert (expected_error(state([1.0, 1.0]), evidence) is None) == bool(warnings)
     single = replace(trained(**good, chosen="gp"), logs=(1,))
     assert expected_error(State(rounds={1: Round(1, trained=single, order=1)}), evidence[:1]) is None

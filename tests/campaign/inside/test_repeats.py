@@ -108,12 +108,12 @@ def test_most_of_it_is_enough_and_half_is_not(told_once: tuple[Campaign, Traject
 def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajectory]) -> None:
     campaign, _ = told_once
     state = campaign.state()
-    from etude.campaign.evaluate.status import _choice
+    from etude.campaign.evaluate.status import _variance_saved_by_design
 
     one = replace(state.rounds[1], asked=Asked(status="", learned=1, choice=0.3))
     before = replace(state.rounds[1], number=2, asked=Asked(status="", choice=0.9))
     none = replace(state.rounds[1], number=3, asked=Asked(status="", learned=2))
-    assert _choice(replace(state, rounds={1: one, 2: before, 3: none})) == 0.3
+    assert _variance_saved_by_design(replace(state, rounds={1: one, 2: before, 3: none})) == 0.3
 
 
 def test_a_damaged_earlier_log_does_not_keep_one_from_being_told(

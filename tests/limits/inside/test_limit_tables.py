@@ -66,6 +66,17 @@ def fails(spec, model, margins):
     return Fails()
 
 
+class AsksTooMuch(Fails):
+    def prove(self, piece):
+        from etude.trajectories import PointToPoint
+
+        PointToPoint(np.zeros((2, 4)) + [[0.0], [1.0]], 1.0).motion(np.zeros(1), 5)
+
+
+def asks_too_much(spec, model, margins):
+    return AsksTooMuch()
+
+
 class Silent(Fails):
     def prove(self, piece):
         return []
@@ -132,6 +143,20 @@ def test_an_error_in_a_limit_of_ones_own_is_told_as_such(
         n for n, text in enumerate(Path("my_limits.py").read_text().splitlines(), 1) if "zeros(99)" in text
     )
     assert f"my_limits.py:{line}" in error["where"]
+
+
+def test_an_error_of_what_a_limit_calls_names_the_limit(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:asks_too_much"\n')
+    assert cli.main(["init", "lab", "--robot", str(path), "--trust"]) == 0
+    capsys.readouterr()
+    assert cli.main(["ask", "lab", "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "has the orders 1 to 4, not 5" in error["fact"]
+    assert "in the plug-in my_limits:asks_too_much" in error["where"]
+    assert "Ask for 4 at most" in error["next_step"]
 
 
 def test_a_joint_that_is_none_is_refused_before_anything_is_made_or_trusted(

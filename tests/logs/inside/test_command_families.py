@@ -110,9 +110,17 @@ def test_a_scale_says_what_a_count_is(tmp_path: Path) -> None:
     assert not any("the unit of the drive" in sentence for sentence in told.repairs)
 
 
+@pytest.mark.parametrize("unit", ["‰", "N m"])
+def test_a_stated_unit_is_not_asked_for(unit: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv", **{"q{}": LOG["q"], f"Mom{{}} [{unit}]": 50.0 * LOG["command"]})
+    with pytest.raises(DataError, match=f'The header says {unit}: .*"command_.*" = "0.15') as refused:
+        read(path, {"command": "Mom"})
+    assert "State the unit" not in refused.value.next_step
+
+
 def test_a_command_of_another_quantity_and_positions_in_counts_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "run.csv", **{"q{}": LOG["q"], "tau{} [A]": LOG["command"]})
-    with pytest.raises(DataError, match=r"in a, but command is in N m.*tau1 \[A\]"):
+    with pytest.raises(DataError, match=r"in A, and command is in N m.*tau1 \[A\]"):
         read(path)
     path = written(tmp_path / "run.csv", **{"q{} [ticks]": LOG["q"] / 1e-3, "tau{}": LOG["command"]})
     with pytest.raises(DataError, match="in ticks, but q is in rad"):

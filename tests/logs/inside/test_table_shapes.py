@@ -212,7 +212,8 @@ def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None
     lists = {"q": [[[cell] for cell in row] for row in LOG["q"].tolist()], "tau": [["no"]] * len(LOG)}
     pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
     with pytest.raises(
-        DataError, match=r"no column.*Columns read: Columns q, tau hold lists without numbers"
+        DataError,
+        match=r"no column.*Rename.*What was read: Columns q, tau hold lists of no numbers",
     ):
         read(tmp_path / "run.parquet")
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from etude.logs import Decision, Mendable, finding_of, judge
+from etude.logs import Decision, Mendable, finding_of, sign_decision
 from etude.protocols import Mean
 from etude.storage import write_atomic
 from etude.types import Array, Log
@@ -170,7 +170,7 @@ def verdict(case: Case, fault: str, truth: Array) -> Verdict:
         command = log["command"] * truth if fault == "sign" else log["command"][:, truth.astype(np.int64)]
         log = log.put(log.channels["command"], np.ascontiguousarray(command))
     start = time.process_time()
-    decision = judge([log], path, case.body, accepted=("delay",))
+    decision = sign_decision([log], path, case.body, accepted=("delay",))
     offered = decision.level != "silent" and isinstance(finding_of(decision, path.parts, [""]), Mendable)
     return Verdict(
         case.robot,

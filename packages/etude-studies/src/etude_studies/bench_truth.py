@@ -120,7 +120,7 @@ def findings(world: World, log: Log) -> list[Finding]:
         if any(f.flag for f in commands):
             return [*motion, *commands]
         try:
-            clean = clean_log(log, channels, expected.limits, (), LogQuestions(kind, spec, Answers()).motion)
+            clean = clean_log(log, channels, expected.limits, {}, LogQuestions(kind, spec, Answers()).motion)
         except EtudeError as error:
             return [*motion, *commands, Finding(REFUSED, "red", error.fact)]
         return [*motion, *commands, *kind.checks(spec, clean)]

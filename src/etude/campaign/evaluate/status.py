@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from etude.campaign.evaluate.stopping import LogOutcome, calibration_factor, judge, seen_by_the_rule
+from etude.campaign.evaluate.stopping import LogOutcome, calibration_factor, seen_by_the_rule, stop_verdict
 from etude.campaign.record.alerts import campaign_alerts, motion_open
 from etude.campaign.record.confirmation import confirmed
 from etude.campaign.record.events import Created, plain
@@ -40,7 +40,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
     events = campaign.events()
     state = campaign.state()
     evidence = seen_by_the_rule(campaign, state)
-    verdict = judge(evidence, campaign.config.stop)
+    verdict = stop_verdict(evidence, campaign.config.stop)
     alerts = (
         *motion_open(state, campaign.path),
         *campaign_alerts(state, campaign.command.parts, len(campaign.axes)),
@@ -66,7 +66,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "calibration_factor": calibration_factor(trained),
         "forecast_fraction": expected_error(state, evidence),
         "next_gain": evidence[-1].gain if evidence else None,
-        "choice": _choice(state),
+        "choice": _variance_saved_by_design(state),
         "new_motion": plain(newest.new_motion) if newest and newest.new_motion else None,
         "held_out": _held_out(state),
         "in_use": _in_use(state),
@@ -147,7 +147,7 @@ def _standing(round_: Round) -> str:
     return "learned" if round_.learned else "told"
 
 
-def _choice(state: State) -> float | None:
+def _variance_saved_by_design(state: State) -> float | None:
     """Fraction by which the newest proposal leaves less variance than the median random one.
 
     None until a design from a model gives it.

@@ -119,7 +119,7 @@ class Verdict:
         return {**self.said.to_json(), **values, "harm": harm}
 
 
-def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
+def stop_verdict(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
     """The verdict after the last of `evidence` (oldest first); every rule but the budget must hold
     repeatedly.
     """

@@ -55,7 +55,7 @@ def decided(
     path = joints(new[0]) if new else None
     if path is None:
         return [], None
-    from etude.logs.evidence.command_signs import judge
+    from etude.logs.evidence.command_signs import sign_decision
     from etude.logs.evidence.contradictions import CONTRADICTS
     from etude.logs.evidence.findings import finding_of
 
@@ -67,7 +67,7 @@ def decided(
     steps: list[Step] = []
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
-        decision = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
+        decision = sign_decision([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
         changes = [] if CONTRADICTS in accepted else _changes(logs, path, body, answer, decision)
         steps += changes
         if any(step.what == "open" for step in changes):

@@ -147,7 +147,8 @@ def read_settled(
     evidence = evidence_in(campaign, path)
     if evidence is not None:
         log = log_of(campaign, evidence, path.name)
-        return clean_log(log, campaign.channels, expected.limits, log.channels, settle)
+        stated = {name: channel.units for name, channel in log.channels.items()}
+        return clean_log(log, campaign.channels, expected.limits, stated, settle)
     return read_log(
         path,
         campaign.channels,

@@ -35,7 +35,7 @@ from etude.logs.cleaning.repairs import drop_spikes, drop_unreadable, order_rows
 from etude.logs.columns.headers import plain, words_of
 from etude.logs.columns.mapping import mapped, mapping_text
 from etude.logs.columns.matching import match_columns
-from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
+from etude.logs.columns.units import Limits, Stated, check_lengths, from_degrees, read_time
 from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
 from etude.logs.config import LogConfig
 from etude.logs.readers.log_file import sha256_of_log
@@ -181,7 +181,7 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
     """Positions, velocities and commands of the joints with a position and a command among the headers; ()
     without such joints.
     """
-    positions, speeds = (_possible_parts(headers, words_of(channel)) for channel in ROLES)
+    positions, speeds = (_joint_name_candidates(headers, words_of(channel)) for channel in ROLES)
     unit, commands = _commanded(headers)
     commanded, fast = ({name for names in parts for name in names} for parts in (commands, speeds))
     names = tuple(dict.fromkeys(next((n for n in some if n in commanded), "") for some in positions))
@@ -199,12 +199,12 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
 def _commanded(headers: Sequence[str]) -> tuple[str, list[list[str]]]:
     """The unit whose words name most commands, and their joints."""
     vocabularies = {unit: (*synonyms, "command", "tau", "u", "cmd") for unit, synonyms in COMMANDS.items()}
-    joints = {unit: _possible_parts(headers, synonyms) for unit, synonyms in vocabularies.items()}
+    joints = {unit: _joint_name_candidates(headers, synonyms) for unit, synonyms in vocabularies.items()}
     unit = max(joints, key=lambda name: len(joints[name]))
     return unit, joints[unit]
 
 
-def _possible_parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
+def _joint_name_candidates(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
     """For each header that begins or ends with one of the words: its possible remainders, longest first."""
     remainders = []
     for header in [header for header in headers if not is_time(header)]:
@@ -233,7 +233,7 @@ def _guess_robot(path: Path, topics: Sequence[str]) -> _KnownRobot:
     return _KnownRobot(channels, {}, USUAL_RATE, "q", why=why)
 
 
-def _read(path: Path, robot: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
+def _read(path: Path, robot: _KnownRobot, topics: Sequence[str]) -> tuple[Log, Stated]:
     """The log in the known channels; its raw columns if the headers do not match any."""
     if robot.channels:
         return matched_log(path, robot.channels, robot.rate, topics, robot.config)
@@ -242,10 +242,10 @@ def _read(path: Path, robot: _KnownRobot, topics: Sequence[str]) -> tuple[Log, s
     names = [name for name in raw.values if not is_time(name)]
     channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))
     log = Log(t, channels, values, path.name, (*raw.repairs, *repairs))  # type: ignore[arg-type]
-    return with_rest_reported(log), set()
+    return with_rest_reported(log), {}
 
 
-def _inspect_log(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
+def _inspect_log(log: Log, robot: _KnownRobot, stated: Stated) -> Inspected:
     health = [_columns(log, robot), *end_findings(log), *_run_check("clock", lambda: clock_findings(log))]
     health += _run_check("columns", lambda: column_findings(log, robot.limits))
     inspected = _findings_of_tell(log, robot, stated)
@@ -254,7 +254,7 @@ def _inspect_log(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
     return Inspected(inspected.log, (*health, *inspected.findings))
 
 
-def _findings_of_tell(log: Log, robot: _KnownRobot, stated: set[str]) -> Inspected:
+def _findings_of_tell(log: Log, robot: _KnownRobot, stated: Stated) -> Inspected:
     """The findings of the checks of `tell`, in its order."""
     findings: list[Finding] = []
     try:
@@ -305,7 +305,7 @@ def _motion(log: Log, robot: _KnownRobot, motion: Seen | None) -> tuple[Finding,
     return (*motion_findings(log, log.channels[robot.path], motion, robot.limits), *truth, *clock)
 
 
-def _ranges(log: Log, robot: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
+def _ranges(log: Log, robot: _KnownRobot, stated: Stated) -> tuple[Log, tuple[Finding, ...]]:
     """The cleaned log, or the same one where it would be refused; and what was done or refused."""
     if not robot.channels:
         return log, ()
@@ -320,7 +320,7 @@ def _ranges(log: Log, robot: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[
     return clean, (Finding("units and ranges", "green", "Units and ranges fit the robot."),)
 
 
-def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
+def _units(log: Log, stated: Stated) -> tuple[Finding, ...]:
     check_lengths(log, stated)
     fact = "The values fit SI units; a robot's limits would allow a stricter check (--robot)."
     return (Finding("units", "green", fact),)

@@ -22,7 +22,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import FULL, settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
 from etude.design.chain_design import Approaches
-from etude.errors import UnsafeTrajectoryError, UsageError, typed
+from etude.errors import UnsafeTrajectoryError, UsageError, did_you_mean, typed
 from etude.limits.certificate import Certificate, certify, require_certified
 from etude.limits.lead_ins import leads, with_leads
 from etude.protocols import Limit, Trajectory
@@ -92,7 +92,7 @@ def approached(
             f"abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)} --from "
             f"{start}",
         ) from None
-    place = folder / f"from_{_label(campaign, start, pose)}"
+    place = folder / f"from_{_folder_name(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}
     contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
     renewed = settle(campaign, number, contents, Exported(start=tuple(pose.tolist())))
@@ -343,6 +343,12 @@ def pose_of(campaign: Campaign, start: str) -> Array:
         return named[start]
     if "=" in start and not Path(start).is_file():
         return _parse_pose(start, campaign.axes)
+    if not Path(start).exists():
+        raise UsageError(
+            f"there is no pose {start!r}, and no such file",
+            where="--from",
+            next_step=did_you_mean(start, named) + WRITE,
+        )
     return _last_row(Path(start), campaign)
 
 
@@ -373,7 +379,7 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
         lines = [line for line in csv.reader(io.StringIO(path.read_text(errors="replace"))) if any(line)]
     except OSError as error:
         raise UsageError(
-            f"the pose {str(path)!r} cannot be read: {error.strerror}", where="--from", next_step=WRITE
+            f"the file of the pose cannot be read: {error.strerror}", where=f"--from {path}", next_step=WRITE
         ) from None
     columns = column_names(campaign.channel(campaign.kind.path))
     header = [cell.strip() for cell in lines[0]] if lines else []
@@ -393,6 +399,6 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
     return pose
 
 
-def _label(campaign: Campaign, start: str, pose: Array) -> str:
+def _folder_name(campaign: Campaign, start: str, pose: Array) -> str:
     """Name of the folder for a pose; each pose has its own."""
     return start if start in poses_of(campaign) else hashlib.sha256(pose.tobytes()).hexdigest()[:8]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
+from etude.campaign.evaluate.stopping import seen_by_the_rule, stop_verdict
 from etude.campaign.propose.constraints import Constraints, constraints_now, constraints_then
 from etude.campaign.propose.proposal import Swept, as_facts, proposed, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
@@ -323,7 +323,7 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
     if not state.trained:
         return
-    verdict = judge(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
+    verdict = stop_verdict(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
     use = f"Use the model (etude promote {typed(campaign.path)})"
     first = use if verdict.usable else "Do not use the model yet: etude status says why"
     if verdict.stop:

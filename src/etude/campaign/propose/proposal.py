@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +115,9 @@ NEAR = 0.05
 AHEAD = (0.1, 0.3, 0.6)
 """Parts of what is left of a range at which it is asked what stands there. Not at its end: that always stands
 there, and would be named where time alone is over."""
-NO_TIME = "nothing: the time limit is reached"
+USED_UP = 0.9
+"""Of a limit: a motion that is shrunk until a limit holds may end some per cent below it."""
+NO_TIME = "no limit (the motion's duration)"
 
 
 @dataclass(frozen=True)
@@ -151,10 +153,12 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
     )
     times = [piece.duration * np.linspace(0.0, 1.0, LOOKED_AT) for piece in pieces]
     positions = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
-    otherwise = _exhausted_limits(limits, pieces, campaign.axes) or NO_TIME
+    used_up = _used_up(limits, pieces)
     held = [
-        _obstacle_beyond(reach, positions, j, limits, pieces[0].form) or otherwise
-        for j in range(len(of_range))
+        _obstacle_beyond(reach, positions, j, limits, pieces[0].form)
+        or _named_limits(used_up, campaign.axes, axis)
+        or NO_TIME
+        for j, axis in enumerate(campaign.axes)
     ]
     rows = zip(campaign.axes, of_range.tolist(), of_clear.tolist(), held, strict=True)
     return tuple(Swept(axis, r, c, "" if r >= WHOLE else why) for axis, r, c, why in rows)
@@ -176,8 +180,8 @@ def _obstacle_beyond(reach: Reachable, positions: Array, j: int, limits: Sequenc
     return ""
 
 
-def _exhausted_limits(limits: Sequence[Limit], pieces: Sequence[Trajectory], axes: Sequence[str]) -> str:
-    """The limits of the whole robot that bound no pose, an energy for example, and that a segment uses up."""
+def _used_up(limits: Sequence[Limit], pieces: Sequence[Trajectory]) -> dict[tuple[str, str], None]:
+    """(quantity, axis) of limits that bound no pose, an energy for example, and that a segment uses up."""
     rows = [
         row
         for limit in limits
@@ -185,8 +189,13 @@ def _exhausted_limits(limits: Sequence[Limit], pieces: Sequence[Trajectory], axe
         for p in pieces
         for row in limit.prove(p)
     ]
-    used = {row.quantity: row.axis for row in rows if row.axis not in axes and utilization(row) >= WHOLE}
-    return " and ".join(f"the limit of {quantity} of {axis}" for quantity, axis in used.items())
+    return {(row.quantity, row.axis): None for row in rows if utilization(row) >= USED_UP}
+
+
+def _named_limits(used_up: Iterable[tuple[str, str]], axes: Sequence[str], axis: str) -> str:
+    """Those of this axis and of the whole robot."""
+    own = [(quantity, of) for quantity, of in used_up if of == axis or of not in axes]
+    return " and ".join(f"the limit of {quantity} of {of}" for quantity, of in own)
 
 
 def as_facts(rows: Sequence[Swept]) -> list[dict[str, Any]]:

@@ -59,8 +59,7 @@ def load_config(folder: Path) -> ConfigFile:
 def require_trusted_names(folder: Path, file: str, named: Mapping[str, str]) -> None:
     """Raises UsageError if a file of the campaign names code and this user does not trust the folder."""
     if named:
-        command = trusting(folder)
-        require_trusted(named, folder / file, folder, folder_id(folder / JOURNAL), command)
+        require_trusted(named, folder / file, folder, folder_id(folder / JOURNAL), trust_command(folder))
 
 
 def trust_campaign(folder: Path) -> None:
@@ -76,7 +75,7 @@ def trust_campaign(folder: Path) -> None:
         trust(folder, identity)
 
 
-def trusting(folder: Path) -> str:
+def trust_command(folder: Path) -> str:
     """The command that trusts the campaign in a folder."""
     return f"etude status {typed(folder)} --trust"
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsStatedLimits
 from etude.campaign.record.config import CampaignConfig
-from etude.campaign.record.config_file import CONFIG, load_config, trusting
+from etude.campaign.record.config_file import CONFIG, load_config, trust_command
 from etude.campaign.record.events import Created, Event, Fact, Ingested
 from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.campaign.record.state import Round, State, replay
@@ -276,7 +276,7 @@ def require_no_remains(path: Path) -> None:
 
 def _spec(path: Path, kind: Kind) -> Any:
     try:
-        with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trusting(path)):
+        with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trust_command(path)):
             return kind.spec(path / ROBOT)
     except UsageError:
         if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):

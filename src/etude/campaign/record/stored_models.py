@@ -10,7 +10,7 @@ import numpy as np
 
 from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsBody, SupportsPlant
-from etude.campaign.record.config_file import trusting
+from etude.campaign.record.config_file import trust_command
 from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign, open_campaign, require_same_names
 from etude.campaign.record.journal import JOURNAL, MODEL, recorded, require_intact, superseded
@@ -145,7 +145,7 @@ def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
     from etude.models.store import load_model as read_model
 
     kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
-    with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
+    with named_in(path, folder, folder_id(folder / JOURNAL), trust_command(folder)):
         model = read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
     require_same_names(model.commands, campaign.command.parts, folder)
     return model

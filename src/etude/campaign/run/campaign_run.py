@@ -16,7 +16,7 @@ import numpy as np
 from etude.abilities import SupportsAgreement
 from etude.campaign.deployment.promote import Promotion, is_undecided, promote
 from etude.campaign.evaluate.confirm import ask_to_confirm
-from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
+from etude.campaign.evaluate.stopping import seen_by_the_rule, stop_verdict
 from etude.campaign.ingest.recordings import is_even
 from etude.campaign.ingest.tell import take, tell
 from etude.campaign.propose.ask import ask
@@ -395,7 +395,9 @@ class _Loop:
 
     def _after_stop(self, fired: StopRuleReached) -> int:
         """Number of one more proposal, if its log may decide on the model; otherwise raise `fired`."""
-        rule = judge(seen_by_the_rule(self.campaign, self.campaign.state()), self.campaign.config.stop).rule
+        rule = stop_verdict(
+            seen_by_the_rule(self.campaign, self.campaign.state()), self.campaign.config.stop
+        ).rule
         may_go_on = self.options.promote and rule != "budget" and self.after_stop < MOST_AFTER_STOP
         if not may_go_on or not is_undecided(self.campaign):
             raise fired

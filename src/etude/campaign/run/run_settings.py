@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.trusted_folders import folder_id
-from etude.campaign.record.config_file import trusting
+from etude.campaign.record.config_file import trust_command
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import JOURNAL
 from etude.drivers import Player, find_driver
@@ -81,5 +81,5 @@ def driver_of(campaign: Campaign, settings: RunSettings) -> Player:
     if not settings.of_file:
         return find_driver(settings.on, campaign.axes, settings.driver, home=home)
     path, folder = campaign.path / FILE, campaign.path
-    with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
+    with named_in(path, folder, folder_id(folder / JOURNAL), trust_command(folder)):
         return find_driver(settings.on, campaign.axes, settings.driver, home=home)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.columns.units import Limits
+from etude.logs.columns.units import Limits, Stated
 from etude.types import Array, Channel, Log, Mask, Role
 
 SI = {"rad": "radians", "m": "metres"}
@@ -147,16 +147,19 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
                     )
 
 
-def check_commands(log: Log, limits: Limits) -> Log:
+def check_commands(log: Log, limits: Limits, stated: Stated) -> Log:
     """Notes commands beyond their limits; refuses those so far beyond that the unit must be another, and
     motors at their limit throughout. Single wild rows are dropped.
+
+    stated: units that the file states.
     """
     for name in [n for n, c in log.channels.items() if c.role == "command"]:
         lower, upper = _command_limits(log.channels[name], limits)
         log = _without_wild(log, name, lower, upper)
         channel = log.channels[name]
-        for j in range(len(channel.parts)):
-            log = _checked_command(log, channel, j, float(lower[j]), float(upper[j]))
+        units = stated.get(name) or ("",) * len(channel.parts)
+        for j, said in enumerate(units):
+            log = _checked_command(log, channel, j, float(lower[j]), float(upper[j]), said)
     return log
 
 
@@ -182,7 +185,7 @@ def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
     return log.take(~wild).repaired(f"{wild.sum()} rows with a single outlier command were dropped.")
 
 
-def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float) -> Log:
+def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float, stated: str) -> Log:
     values, unit = log[channel.name][:, j], channel.units[j]
     share = _beyond(values, np.array(lower), np.array(upper))
     largest, excess = float(values[np.argmax(share)]), float(share.max())
@@ -190,15 +193,10 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
     limit = f"{upper:.4g}{behind}" if lower == -upper else f"{lower:.4g} to {upper:.4g}{behind}"
     where = f"{log.source}, {channel.name} {channel.parts[j]}"
     if excess > COMMAND_EXCESS:
-        # inside the limit in thousandths, and above any overload
-        milli = excess * 1e-3 <= 1.0 and excess > 30.0
         raise DataError(
             f"the command of {channel.parts[j]} reaches {largest:.4g}, its limit is {limit}",
             where=where,
-            next_step=f"It looks like a thousandth of the unit: convert it to {unit}."
-            if milli
-            else f"If it is in {unit}, state the unit in the header; else correct the limit in the robot "
-            "file.",
+            next_step=_unit_advice(f"{channel.name}_{channel.parts[j]}", unit, excess, stated),
         )
     if not channel.acts_on and np.isfinite(upper) and (values >= lower + AT_LIMIT * (upper - lower)).all():
         raise DataError(
@@ -211,3 +209,16 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
         reached = f"The command of {channel.parts[j]} reached {largest:.4g}{behind}"
         log = log.repaired(f"{reached}, outside its limit {limit}; kept.")
     return log
+
+
+def _unit_advice(column: str, unit: str, excess: float, stated: str) -> str:
+    """Next step after a command of that unit far beyond its limit. stated: the unit in its header, or ""."""
+    if stated:
+        return (
+            f"The header says {stated}: correct it or the limit in the robot file, or state a factor to "
+            f'{unit} in [log.columns] of campaign.toml, as in "{column}" = "0.15 * HEADER".'
+        )
+    # inside the limit in thousandths, and above any overload
+    if excess * 1e-3 <= 1.0 and excess > 30.0:
+        return f"It looks like a thousandth of the unit: convert it to {unit}."
+    return f"If it is in {unit}, state the unit in the header; else correct the limit in the robot file."

@@ -25,7 +25,7 @@ from etude.logs.columns.families import answer
 from etude.logs.columns.headers import Column
 from etude.logs.columns.mapping import mapped
 from etude.logs.columns.matching import Matching, match_columns
-from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
+from etude.logs.columns.units import Limits, Stated, check_lengths, from_degrees, read_time, start_at_zero
 from etude.logs.columns.vocabulary import is_time
 from etude.logs.config import LogConfig
 from etude.logs.readers.log_file import is_log_file, read_log_file
@@ -81,9 +81,9 @@ def matched_log(
     rate: float,
     topics: Sequence[str] = (),
     config: LogConfig | None = None,
-) -> tuple[Log, set[str]]:
+) -> tuple[Log, Stated]:
     """The log in a file with matched columns in SI, by the stated units, its rows as recorded; and the
-    channels with a stated unit. Arguments and errors as of `read_log`.
+    stated units. Arguments and errors as of `read_log`.
     """
     if _is_stored(path):
         return _stored(path, channels)
@@ -94,17 +94,17 @@ def clean_log(
     log: Log,
     channels: Sequence[Channel],
     limits: Limits | None = None,
-    stated: Collection[str] = (),
+    stated: Stated | None = None,
     settle: Settle | None = None,
 ) -> Log:
     """The repairs and checks of a log with matched columns; the last step of `read_log`. Errors as there.
 
     Args:
-        stated: names of channels whose unit the file states; it is not questioned.
+        stated: units that the file states; those of positions are not questioned.
         settle: from the log with ordered rows to one with right clock and rates, or a refusal. None: rates in
             another unit than their positions are refused.
     """
-    limits = limits or {}
+    limits, stated = limits or {}, stated or {}
     log = drop_spikes(order_rows(drop_unreadable(log)))
     if len(log) < LEAST_ROWS:
         raise DataError(
@@ -119,7 +119,7 @@ def clean_log(
         log = check_leaps(check_positions(log, limits), channels, limits)
     else:
         log = check_positions(check_leaps(log, channels, limits), limits)
-    return check_lengths(check_constant(check_commands(log, limits)), stated)
+    return check_lengths(check_constant(check_commands(log, limits, stated)), stated)
 
 
 def _consistent(log: Log) -> Log:
@@ -136,7 +136,7 @@ def _is_stored(path: Path) -> bool:
     return path.suffix.lower() == ".parquet" and bool(file_head(path)) and is_log_file(path)
 
 
-def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
+def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, Stated]:
     """A log written by Étude, with the robot's channels; all of them have a known unit."""
     log = read_log_file(path)
     values = {}
@@ -146,7 +146,7 @@ def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
         elif channel.required:
             raise DataError(f"the log has no channel {channel.name}", where=log.source, next_step=OTHER)
     present = {c.name: c for c in channels if c.name in values}
-    return replace(log, channels=present, values=values), set(present)
+    return replace(log, channels=present, values=values), {c.name: c.units for c in present.values()}
 
 
 OTHER = "Ingest a log of this robot."
@@ -168,8 +168,8 @@ def _in_order(log: Log, channel: Channel) -> Array:
 
 def _recorded(
     path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str], config: LogConfig
-) -> tuple[Log, set[str]]:
-    """A log of other software with matched columns in SI, and the channels with a unit in their headers."""
+) -> tuple[Log, Stated]:
+    """A log of other software with matched columns in SI, and the units in its headers."""
     plain = read_raw(path, topics or config.topics)
     raw = mapped(plain, config)
     matching = _matched(raw, channels, path.name, raw.values.keys() - plain.values.keys())
@@ -191,7 +191,11 @@ def _recorded(
         source=path.name,
         repairs=tuple(repairs),
     )
-    stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
+    stated = {
+        name: tuple(column.written_unit for column in columns)
+        for name, columns in matching.channels.items()
+        if any(column.stated for column in columns)
+    }
     return with_rest_reported(log), stated
 
 
@@ -204,8 +208,8 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
         _check_families(matching, raw, channels, where)
         return matching
     except DataError as error:
-        read = f"Columns read: {' '.join(raw.repairs)} " if raw.repairs else ""
-        raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
+        read = f" What was read: {' '.join(raw.repairs)}" if raw.repairs else ""
+        raise DataError(error.fact, where=error.where, next_step=error.next_step + read) from None
 
 
 SAME = 1e-6  # part of the deviation: columns that differ by less are copies

@@ -18,6 +18,7 @@ from etude.logs.columns.vocabulary import (
     PREFIXES,
     SETPOINTS,
     SYNONYMS,
+    as_written,
     normal,
     split_suffix,
     split_unit,
@@ -51,8 +52,7 @@ class Column:
     @property
     def written_unit(self) -> str:
         """The unit as its header spells it: mNm, where `unit` is in small letters."""
-        at = self.name.lower().rfind(self.unit)
-        return self.name[at : at + len(self.unit)] if at >= 0 else self.unit
+        return as_written(self.name, self.unit)
 
     @property
     def stated(self) -> bool:
@@ -182,7 +182,9 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
         claims = tuple(claim for claim in claims if _may_be(unit, described[claim.channel]))
         if claims and unit_in(unit) is None:
             raise DataError(
-                f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
+                f"unknown unit '{as_written(header, unit)}'",
+                where=f"{where}, column '{header}'",
+                next_step=UNITS_TO_USE,
             )
         for claim in claims:
             meanings.note(claim, header, unit)

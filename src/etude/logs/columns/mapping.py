@@ -26,7 +26,7 @@ from etude.errors import DataError, did_you_mean
 from etude.logs.columns.families import members
 from etude.logs.columns.header_units import NUMBER, unit_in
 from etude.logs.columns.headers import HeaderMeanings, read_headers
-from etude.logs.columns.vocabulary import NUMBERED, is_time, normal, split_unit, unit_of
+from etude.logs.columns.vocabulary import NUMBERED, as_written, is_time, normal, split_unit, unit_of
 from etude.logs.config import LogConfig
 from etude.types import Channel, Log
 
@@ -221,7 +221,7 @@ def _with_unit(to: str, source: _Source) -> str:
     parsed = unit_in(unit)
     whole = parsed is None or not (parsed.counted or parsed.dimension == NUMBER)
     keeps_unit = unit and not split_unit(to)[1] and (whole or abs(source.scale) == 1.0)
-    return f"{to} [{unit}]" if keeps_unit else to
+    return f"{to} [{as_written(source.header, unit)}]" if keeps_unit else to
 
 
 def _with_columns(raw: Log, values: Mapping[str, object]) -> Log:

@@ -4,7 +4,7 @@ consistency."""
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,8 @@ from etude.logs.columns.vocabulary import (
 from etude.types import Array, Channel, Log
 
 Limits = Mapping[str, tuple[Array, Array]]
+Stated = Mapping[str, Sequence[str]]
+"""Channel -> the unit of each part as its header spells it, "" where none; only channels with one."""
 
 ANGLES = ("rad", "rad/s", "rad/s^2", "rad/s2", "rad/s²")
 """Units of angles and their rates: what `degrees` converts."""

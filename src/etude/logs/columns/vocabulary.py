@@ -123,6 +123,12 @@ def unit_of(header: str) -> str:
     return split_unit(header)[1] or split_suffix(header)[1]
 
 
+def as_written(header: str, unit: str) -> str:
+    """That unit as the header spells it: mNm, where `unit_of` gives small letters."""
+    at = header.lower().rfind(unit)
+    return header[at : at + len(unit)] if at >= 0 else unit
+
+
 def normal(text: str) -> str:
     """Lower case, every run of other characters than letters and digits one underscore."""
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")

@@ -32,7 +32,7 @@ AHEAD = 7.0  # log odds to the next best set of signs: of less, signs that are l
 
 
 @threads_for(0)
-def judge(
+def sign_decision(
     logs: Sequence[Log],
     path: Channel,
     body: Mean | None = None,

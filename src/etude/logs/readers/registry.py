@@ -122,7 +122,8 @@ def _reader_of(path: Path, head: bytes) -> str:
             path.suffix.lower(),
             f"Write it as CSV or Parquet, a column for each signal. Known suffixes: {', '.join(READERS)}. "
             "Known by their content: logs of "
-            f"{', '.join(name for name in brought if name not in broken)}.",
+            f"{', '.join(name for name in brought if name not in broken)}. A package with an entry point "
+            "etude.readers adds a format: docs/plugin_examples.md.",
         ),
     )
 

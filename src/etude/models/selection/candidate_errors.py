@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CandidateErrors:
-    """A candidate and what it says of samples left out.
+    """A candidate with its predictions of n samples that it was not trained on.
 
     Attributes:
-        error, variance: (n, m) of `everywhere`, of its m commands; NaN where not predicted.
+        part: the candidate, with the structure that it is of.
+        error: (n, m) error of each of its m commands, in command units; NaN where not predicted.
+        variance: (n, m) predicted variance of the same.
     """
 
     part: LearnedStructure
@@ -33,7 +35,7 @@ class CandidateErrors:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Its structure, and its name in that."""
+        """(structure, candidate name)."""
         return self.part.candidate.structure, self.part.candidate.name
 
 

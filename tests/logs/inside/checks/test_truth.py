@@ -10,7 +10,7 @@ import pytest
 from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command_of, moved
 
 from etude.errors import UsageError
-from etude.logs import finding_of, judge, judge_motion
+from etude.logs import finding_of, judge_motion, sign_decision
 from etude.logs.checks import velocities as rates
 from etude.logs.checks.command_units import scale_finding
 from etude.logs.checks.command_units import slopes as slopes_of
@@ -27,7 +27,7 @@ def told(log: Log, usual: float | None = RATE) -> dict[str, Finding]:
 
 def judged(log: Log) -> list[Finding]:
     """What is said of the commands that is not silent."""
-    found = judge([log], Q) if COMMAND.name in log else None
+    found = sign_decision([log], Q) if COMMAND.name in log else None
     return [] if found is None or found.level == "silent" else [finding_of(found, Q.parts, [log.source])]
 
 
@@ -159,7 +159,7 @@ def test_joints_that_stand_are_left_out() -> None:
     assert told(log) == {}
     seen = commanded(log)
     assert seen is not None
-    assert judge([log], Q).moving.tolist() == [True, True, False]
+    assert sign_decision([log], Q).moving.tolist() == [True, True, False]
 
 
 FAR = np.full(3, np.inf)

@@ -11,7 +11,7 @@ import pytest
 from made_motion import COMMAND, DRY, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
 from scipy.ndimage import gaussian_filter1d
 
-from etude.logs import Decision, finding_of, judge
+from etude.logs import Decision, finding_of, sign_decision
 from etude.logs.checks.exact import LIKELY
 from etude.logs.checks.plausibility import repaired
 from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of, signs_without_reversals
@@ -44,7 +44,7 @@ def late(log: Log, seconds: float) -> Log:
 
 
 def decided(*logs: Log, fresh: Sequence[int] | None = None, body: object = None) -> Decision:
-    return judge(logs, Q, body, fresh=fresh)  # type: ignore[arg-type]
+    return sign_decision(logs, Q, body, fresh=fresh)  # type: ignore[arg-type]
 
 
 WRONG: dict[str, tuple[Callable[[Log], Log], str, tuple[float, ...]]] = {
@@ -225,7 +225,7 @@ def test_gravity_that_is_taken_out_is_asked_about() -> None:
     assert (found.level, found.check) == ("ask", "gravity")
     assert abs(found.by[0]) < 0.05
     assert decided(moved(), body=Body()).level == "silent"
-    assert judge([left], Q, Body(), force=False).level == "silent"  # type: ignore[arg-type]
+    assert sign_decision([left], Q, Body(), force=False).level == "silent"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seconds", [-0.04, 0.04, 0.06])
@@ -339,7 +339,7 @@ def without_friction(seconds: float, seed: int, rate: float = 50.0) -> Log:
 def test_a_robot_without_friction_half_a_cycle_late_is_not_inverted(seconds: float, seed: int) -> None:
     """Too large a shift looks like friction that drives the joints."""
     log = without_friction(seconds, seed)
-    assert judge([log], log.channels["q"]).level == "silent"
+    assert sign_decision([log], log.channels["q"]).level == "silent"
 
 
 @pytest.mark.parametrize("seconds", [0.06, pytest.param(-0.06, marks=pytest.mark.slow)])

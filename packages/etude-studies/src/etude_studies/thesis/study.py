@@ -73,7 +73,7 @@ class Listed:
 
 
 class ThesisStudy:
-    """What `etude study` offers of the thesis; see `etude.cli.study.StudyRoom`."""
+    """What `etude study` offers of the thesis; see `etude.cli.study.StudiesPackage`."""
 
     def rows(self) -> list[Listed]:
         """Every group, figure, table and claim."""
