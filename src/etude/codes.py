@@ -171,10 +171,10 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
     OfFile.PROVED_BEFORE: "{file} was certified before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
-    Refusal.NOT_DECIDED: "not decided against {against}: {segments:|segment|segments} that neither model was "
-    "trained on, {needed} are needed",
+    Refusal.NOT_DECIDED: "no decision against {against}: {segments:|segment|segments} that neither model was "
+    "trained on, but {needed} are needed",
     Refusal.NOT_YET_BETTER: "not yet better than {against}: errors {ratio:.3g} times as large (95 %: "
-    "{lower:.3g} to {upper:.3g}, {segments:|segment|segments}), more logs can decide this",
+    "{lower:.3g} to {upper:.3g}, {segments:|segment|segments}), but more logs can decide",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
     "{upper:.3g}, {segments:|segment|segments})",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",

@@ -128,7 +128,7 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     if assumed:
         sentences.append(
             f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log of such a motion"
-            f"{_under(tracked_rows)} has measured them."
+            f"{_under(tracked_rows)} has shown them yet."
         )
     return tuple(sentences)
 

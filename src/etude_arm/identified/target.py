@@ -223,10 +223,10 @@ def _addition_sentences(name: str, spec: ArmSpec, bodies: Mapping[str, Array]) -
     if not carried:
         return []
     if not name.endswith(".urdf"):
-        return [f"What robot.toml adds, {' and '.join(carried)}, is in the file."]
+        return [f"The additions of robot.toml, {' and '.join(carried)}, are in the file."]
     tables = [f"[{what}] {_attached_text(bodies[what])}" for what in carried if what in bodies]
-    beside = f" Its errors are those beside the identified values: {'; '.join(tables)}." if tables else ""
-    return [f"What robot.toml adds, {' and '.join(carried)}, is not in the file, as before.{beside}"]
+    beside = f" Its errors are relative to the identified values: {'; '.join(tables)}." if tables else ""
+    return [f"The additions of robot.toml, {' and '.join(carried)}, are not in the file, as before.{beside}"]
 
 
 def _attached_text(phi: Array) -> str:

@@ -205,7 +205,7 @@ def test_kinds_must_agree(tmp_path):
     made(tmp_path / "lab")
     path = tmp_path / "lab" / "campaign.toml"
     path.write_text('kind = "arm"\n')
-    with pytest.raises(UsageError, match=r"of the kind 'quadrotor', and campaign.toml says 'arm'"):
+    with pytest.raises(UsageError, match=r"has the kind 'quadrotor', but campaign.toml states 'arm'"):
         open_campaign(tmp_path / "lab")
 
 

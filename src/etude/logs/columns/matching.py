@@ -238,7 +238,7 @@ def _mixed_units(channel: Channel, drive: Sequence[str], others: Sequence[str], 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
     to = f'"{channel.name}_{channel.parts[0]} [{unit}]" = "0.01 * {column.name}"'
     return DataError(
-        f"the column is in {column.written_unit}, and {channel.name} is in {unit}",
+        f"the column is in {column.written_unit}, but {channel.name} is in {unit}",
         where=f"{where}, column '{column.name}'",
         next_step=f"State the scale to {unit} in the table [log.columns] of campaign.toml, as in {to}; or "
         f"correct the header or the robot file. {UNITS_TO_USE}",

@@ -80,8 +80,8 @@ def _order_findings(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     if not decision.exchangeable:
         return [Finding(SWAPPED, "green", "No other order of the commands fits better.")]
     names = named(parts, np.isin(np.arange(len(parts)), decision.exchangeable))
-    fact = f"Whether the commands of {names} are exchanged cannot be told."
-    step = f"A model file with masses, or a log with more reversals of {names}, tells more."
+    fact = f"The order of the commands of {names} cannot be determined."
+    step = f"A model file with masses, or a log with more reversals of {names}, shows more."
     return [Finding(SWAPPED, "cannot tell", fact, step)]
 
 
