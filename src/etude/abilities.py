@@ -225,10 +225,13 @@ class SupportsVariations(Protocol):
     gravity (3,): m/s^2 in the world. pulls (n, J, 3): for each m/s^2 of gravity along an axis of the world.
     links (n, J, L, 10): for mass (kg), first moments (kg m) and inertia (xx yy zz xy xz yz, kg m^2, about the
     origin) of each link that an axis moves, in its frame, in the order of the axes.
+    link_parameters (J, L, 10): those of the file, by command.
     """
 
     @property
     def gravity(self) -> Array: ...
+    @property
+    def link_parameters(self) -> Array: ...
     def pulls(self, log: Log) -> Array: ...
     def links(self, log: Log) -> Array: ...
 

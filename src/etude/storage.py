@@ -21,7 +21,7 @@ from zipfile import BadZipFile
 
 from etude.errors import EtudeError, UsageError
 
-GENERATION = 2
+GENERATION = 3
 """Of what Étude writes: it grows when a fault of safety is mended, whatever the version says. Files without
 one are of generation 1. The faults of earlier ones: `campaign.record.known_faults`, docs/known_faults.md."""
 

@@ -71,18 +71,33 @@ WORLD = "world"
 
 def lost_mounting(spec: ArmSpec) -> bool:
     """Whether generation 1 lost this robot's mounting, because its URDF's root link is named world."""
-    if spec.model_file is None or spec.mounting is None:
+    if spec.mounting is None or not any((*spec.mounting.position, *spec.mounting.rotation)):
         return False
-    if not any((*spec.mounting.position, *spec.mounting.rotation)):
-        return False
-    try:
-        root = ET.parse(spec.model_file).getroot()
-    except (OSError, ET.ParseError):
+    root = _model_root(spec)
+    if root is None or root.tag != "robot":
         return False
     below = {child.get("link") for child in root.iterfind("joint/child")}
-    return root.tag == "robot" and any(
-        link.get("name") == WORLD not in below for link in root.iterfind("link")
+    return any(link.get("name") == WORLD not in below for link in root.iterfind("link"))
+
+
+def divided_by_gear(spec: ArmSpec) -> bool:
+    """Whether generation 2 divided torques of this robot's joints by the gear of their actuators."""
+    root = _model_root(spec)
+    if root is None or root.tag == "robot":
+        return False
+    return any(
+        float(element.get("gear", "1").split()[0]) != 1.0
+        for element in root.iter()
+        if element.get("gear") and element.get("tendon") is None
     )
+
+
+def _model_root(spec: ArmSpec) -> ET.Element | None:
+    """Root of the model file; None without one that can be read."""
+    try:
+        return None if spec.model_file is None else ET.parse(spec.model_file).getroot()
+    except (OSError, ET.ParseError):
+        return None
 
 
 class ArmKind:
@@ -208,9 +223,9 @@ class ArmKind:
         return limits(spec, margins, model)
 
     def mended(self, spec: ArmSpec) -> tuple[str, ...]:
-        """Robots that lost their mounting, see `lost_mounting`."""
-
-        return ("mounting",) if lost_mounting(spec) else ()
+        """Faults of earlier versions that this robot's files have."""
+        faults = {"mounting": lost_mounting(spec), "gear": divided_by_gear(spec)}
+        return tuple(code for code, has in faults.items() if has)
 
     def largest_error(self, spec: ArmSpec) -> Array:
         """Position errors (J,), rad (m), at which the proportional gain gives the largest command."""

@@ -178,6 +178,11 @@ def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
     springs = [name for name, t in _tendons(model, choice) if np.ravel(model.tendon_stiffness[t])[0] > 0.0]
     if springs:
         notes.append(f"The springs of tendons are left out: {', '.join(springs)}.")
+    sprung = [name for name in choice.joints if np.ravel(model.joint(name).stiffness)[0] > 0.0]
+    if sprung:
+        notes.append(
+            f"The file's springs of {', '.join(sprung)} are no part of its torques here: only logs show them."
+        )
     return tuple(notes)
 
 

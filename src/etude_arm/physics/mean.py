@@ -105,6 +105,12 @@ class RigidBodyMean:
         rigid, _ = command_regressors(tree, drives, v0, *motion)
         return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, tree.joint_body - 1]
 
+    @property
+    def link_parameters(self) -> Array:
+        """(J, L, 10) inertial parameters of the same links, by command."""
+        inertial = self.model.inertial
+        return inertial.reshape(len(inertial), -1, 10)[:, self.model.tree.joint_body - 1]
+
     def arrays(self) -> dict[str, Array]:
         """Arrays from which `restore` makes the same mean, bit for bit."""
         model = self.model

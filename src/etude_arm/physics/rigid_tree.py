@@ -105,9 +105,8 @@ def _drive(model: Any, actuator: int, joints: list[int]) -> Drive | None:
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
     gear = float(model.actuator_gear[actuator, 0])
     if kind in _ON_JOINT and target in joints:
-        return Drive(
-            gear, np.eye(len(joints))[joints.index(target)], np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-        )
+        # commands of a joint's own actuator are forces at the joint, as limits, logs and drivers have them
+        return joint_drives(len(joints))[joints.index(target)]
     if kind == _ON_TENDON:
         return _tendon_drive(model, target, gear, joints)
     return None

@@ -132,6 +132,39 @@ def test_a_right_log_is_not_asked_about(
     assert [f for f in checks.values() if f.flag] == []
 
 
+@pytest.mark.parametrize(
+    ("joint", "factor"),
+    [(1, 0.5), *(pytest.param(*own, marks=pytest.mark.slow) for own in ((2, 2.5), (1, 4.0)))],
+)
+def test_another_unit_of_one_command_is_asked_about_with_its_factor(
+    joint: int, factor: float, lab: Campaign, tmp_path: Path
+) -> None:
+    right = log_of(tmp_path / "right.csv", lab, masses=np.array([1.0, 1.2, 0.8]))
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    rows[:, 4 + joint] *= factor
+    path = tmp_path / "run.csv"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    finding = found(path, lab)["scale"]
+    assert (finding.light, finding.flag) == ("yellow", "scale")
+    told = re.search(r"The commands of (\w+) are ([\d.]+) times the torque", finding.sentence)
+    assert told is not None
+    assert told[1] == JOINTS[joint]
+    assert float(told[2]) == pytest.approx(factor, rel=0.25)  # masses are 20 % off
+    with pytest.raises(DataError, match="times the torque"):
+        tell(lab, path, foreign=True)
+    rows[:, 4 + joint] /= factor  # as the message asks
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    assert [f for f in inspect(path, lab.path).findings if f.flag] == []
+
+
+@pytest.mark.parametrize(
+    "masses", [np.array([1.0, 2.5, 1.0]), pytest.param(np.array([1.0, 1.0, 2.5]), marks=pytest.mark.slow)]
+)
+def test_one_link_of_another_mass_is_no_other_unit(masses: Array, lab: Campaign, tmp_path: Path) -> None:
+    checks = found(log_of(tmp_path / "run.csv", lab, masses=masses), lab)
+    assert checks["scale"].light != "yellow", checks["scale"].sentence
+
+
 def test_commands_that_were_computed_are_said_and_taken(lab: Campaign, tmp_path: Path) -> None:
     path = log_of(tmp_path / "run.csv", lab, friction=0.0)
     finding = found(path, lab)["computed"]

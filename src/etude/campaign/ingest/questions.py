@@ -266,10 +266,11 @@ def judged_commands(
 
     path = joints(log)
     assert path is not None
+    by_file = () if kind is None else file_findings_of(kind, spec, log, earlier or {})
     unit = () if kind is None else unit_findings(kind, spec, log, motion)
-    unit = unit if kind is None else (*unit, *file_findings_of(kind, spec, log, earlier or {}))
-    right = [one for one in green(last, path.parts) if one.check not in {f.check for f in findings}]
-    return (*findings, *right, *unit)
+    checks = {one.check for one in (*findings, *by_file)}
+    others = [one for one in (*green(last, path.parts), *unit) if one.check not in checks]
+    return (*findings, *others, *by_file)
 
 
 MADE_UP = "Inertias of the model file look like placeholders, so it judges neither units nor signs."
@@ -308,7 +309,7 @@ def file_findings_of(kind: Kind, spec: Any, log: Log, earlier: Mapping[int, Log]
     from etude.logs.evidence.file_hypotheses import file_findings
 
     before = [one for one in earlier.values() if joints(one) is not None][-MOST_BY_FILE:]
-    return file_findings([*before, log], *path_body)
+    return file_findings([*before, log], *path_body, kind.limit(spec))
 
 
 def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | None:

@@ -7,6 +7,8 @@ friction raise a slope where the motion has one frequency, as a circle: they are
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from etude.logs.checks.filtered_motion import Seen, goes_far
@@ -47,11 +49,11 @@ def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
         comparable &= ~high | ((beside > SLOPE) & (follows > FOLLOWS))
     wrong = comparable & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
     if wrong.any():
-        return _unit(motion, slope, wrong, limit)
+        return unit_finding(motion.parts, motion.units, slope, wrong, limit)
     if not comparable.any():
         return Finding(SCALE, "cannot tell", "No command follows the model file closely enough.")
     values = ", ".join(f"{value:.2g}" for value in slope[comparable])
-    names, quantity = named(motion.parts, comparable), _quantity(motion, comparable)[0]
+    names, quantity = named(motion.parts, comparable), _quantity(motion.units, comparable)[0]
     fact = f"Commands of {names} are {values} times the file's {quantity}."
     return Finding(SCALE, "green", fact)
 
@@ -98,13 +100,21 @@ def slopes(command: Array, torque: Array) -> tuple[Array, Array]:
     return product / np.maximum(square, tiny), product / np.sqrt(np.maximum(square * other, tiny))
 
 
-def _unit(motion: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
+def unit_finding(
+    parts: Sequence[str], units: Sequence[str], slope: Array, wrong: Mask, limit: Array, why: str = ""
+) -> Finding:
+    """The finding that the commands of joints `wrong` (k,) have another unit.
+
+    Args:
+        units: of the positions. slope: (k,) factors of the model file's commands. limit: as above.
+        why: what the fact rests on, beside the factors.
+    """
     values = ", ".join(f"{value:.3g}" for value in slope[wrong])
-    word, unit = _quantity(motion, wrong)
+    word, unit = _quantity(units, wrong)
     return Finding(
         SCALE,
         "yellow",
-        f"The commands of {named(motion.parts, wrong)} are {values} times the {word} of the model file: "
+        f"The commands of {named(parts, wrong)} are {values} times the {word} of the model file{why}: "
         f"{_guess(np.abs(slope[wrong]), limit[wrong]).replace('N m', unit)}",
         "State the unit in the header or in the robot file (command_unit), or convert them; "
         + accepted(SCALE)
@@ -113,9 +123,9 @@ def _unit(motion: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
     )
 
 
-def _quantity(motion: Seen, joints: Mask) -> tuple[str, str]:
+def _quantity(units: Sequence[str], joints: Mask) -> tuple[str, str]:
     """Kind and unit of those joints' commands: forces if all of them slide, else torques."""
-    kinds = {unit for unit, selected in zip(motion.units, joints.tolist(), strict=True) if selected}
+    kinds = {unit for unit, selected in zip(units, joints.tolist(), strict=True) if selected}
     return {("m",): ("force", "N"), ("m", "rad"): ("torque or force", "N m (N)")}.get(
         tuple(sorted(kinds)), ("torque", "N m")
     )

@@ -78,12 +78,12 @@ class ChangeEvidence:
         links = body.links(states)[:, joints] / size[:, None, None]
         L = links[:, :, -(most or 0) :, 0]
         X = regressors(rows, joints, GRADUAL[-1])
-        unit = _unit(rows.torque[:, joints] / size, L)
+        unit = unit_masses(rows.torque[:, joints] / size, L)
         L = L * unit
         changed = np.concatenate([X[:, :, [VISCOUS, COULOMB]], L], axis=2)
         moved = (after[:, None, :, None] * changed[:, :, None]).reshape(*X.shape[:2], -1)
         # what the last link carries all the time may have its centre anywhere
-        carried = links[:, :, -1, :4] * _unit(rows.torque[:, joints] / size, links[:, :, -1, :4])
+        carried = links[:, :, -1, :4] * unit_masses(rows.torque[:, joints] / size, links[:, :, -1, :4])
         products, half = _products(rows, joints, np.concatenate([X, carried, y, moved], axis=2))
         return cls(products, half, len(rows.t), unit, informative)
 
@@ -128,7 +128,7 @@ class ChangeEvidence:
         return odds, weights * self.unit[which]
 
 
-def _unit(torque: Array, L: Array) -> Array:
+def unit_masses(torque: Array, L: Array) -> Array:
     """(p,) kg with which commands L (n, k, p) for each kg are as large as the file's torque (n, k)."""
     size, each = np.sqrt((torque**2).mean()), np.sqrt((L**2).mean(axis=(0, 1)))
     return np.asarray(size / np.where(each > 0.0, each, np.inf))

@@ -1,5 +1,5 @@
 """Hypotheses on a model file whose masses are right: a joint's zero offset, joints that turn the other way, a
-wrong clock, and commands that were computed from the file.
+wrong clock, another unit of some commands, and commands that were computed from the file.
 
 Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
 factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that
@@ -16,9 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from etude.abilities import SupportsVariations
+from etude.logs.checks.command_units import unit_finding
 from etude.logs.checks.filtered_motion import measured_rates, states_of
 from etude.logs.checks.finding_texts import accepted, named
 from etude.logs.checks.velocities import clock_finding
+from etude.logs.evidence.changed_parameters import unit_masses
 from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log
@@ -43,12 +45,13 @@ class Zero(NamedTuple):
     odds: float
 
 
-def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tuple[Finding, ...]:
+def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None, limit: Array) -> tuple[Finding, ...]:
     """Findings of the model file on all logs together.
 
     Args:
         logs: with positions `path` and forces as commands on them; all but the last are accepted already.
         body: the model file's prediction of the commands; None without a file.
+        limit: (k,) largest commands, for percentages.
     """
     fit = file_fit(logs, path, body)
     if fit is None:
@@ -62,8 +65,11 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     turned, odds = ((), 0.0) if new is None else reversed_joints(new)
     if turned:
         return (_reversal_finding(turned, odds, path),)
-    zero = zero_of(fit)
-    return () if zero is None else (_zero_finding(zero, path),)
+    zero = zero_of(fit)  # whatever the units
+    if zero is not None:
+        return (_zero_finding(zero, path),)
+    scale = None if new is None else scale_of(new)
+    return () if scale is None else (_scale_finding(scale, path, limit),)
 
 
 def _zero_finding(zero: Zero, path: Channel) -> Finding:
@@ -92,6 +98,12 @@ def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Find
         f'("-1 * HEADER"); {accepted(REVERSED)}.',
         flag=REVERSED,
     )
+
+
+def _scale_finding(scale: JointScale, path: Channel, limit: Array) -> Finding:
+    wrong = np.arange(len(path.parts)) == scale.joint
+    why = f", whose masses may be {100.0 * MASSES_OFF:.0f} % off (log odds {scale.odds:.0f})"
+    return unit_finding(path.parts, path.units, np.where(wrong, scale.factor, 1.0), wrong, limit, why)
 
 
 def file_fit(logs: Sequence[Log], path: Channel, body: Mean | None) -> FileFit | None:
@@ -155,7 +167,7 @@ class FileFit:
 
     def _left_of(self, j: int, torque: Array) -> float:
         command, F = self.rows.command[:, j, AS_LOGGED], self._direction(j, torque)
-        y = self._residual(j, command)
+        y = self.residual(j, command)
         return float(((y - F * (F @ y)) ** 2).mean() / command.var())
 
     @cached_property
@@ -172,13 +184,13 @@ class FileFit:
             bases[j] = U[:, s > SAME * s[0]]
         return bases
 
-    def _residual(self, j: int, values: Array) -> Array:
+    def residual(self, j: int, values: Array) -> Array:
         """Residual of values (n, ...) after the regression on the basis of joint j."""
         return np.asarray(values - self._bases[j] @ (self._bases[j].T @ values))
 
     def _direction(self, j: int, torque: Array) -> Array:
         """(n,) unit vector of the residual of a torque (n,) at joint j; 0 without one."""
-        left = self._residual(j, torque)
+        left = self.residual(j, torque)
         size = float(np.linalg.norm(left))
         return left / size if size > SAME * float(np.linalg.norm(torque)) else np.zeros_like(left)
 
@@ -211,7 +223,7 @@ class FileFit:
     def _residuals(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
         """Residuals of the command and the columns at joint j, in standard deviations of the command."""
         command = self.rows.command[:, j, AS_LOGGED]
-        y, X, F = self._residual(j, command), self._residual(j, columns), self._direction(j, torque)
+        y, X, F = self.residual(j, command), self.residual(j, columns), self._direction(j, torque)
         return (y - F * (F @ y)) / command.std(), (X - np.outer(F, F @ X)) / command.std()
 
 
@@ -262,6 +274,98 @@ def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
     return tuple(np.flatnonzero(signs < 0.0).tolist()), odds
 
 
+EARTH = 9.81  # m/s^2
+MASSES_OFF = 0.3  # part by which masses of links may differ from a right file
+RIGHT, OTHER = (MASSES_OFF, 0.05, 1.0), (3.0, 1.0, 1.0)
+"""Deviations of what the file says: of links, in parts; of gravity, in its own; of a load, in the file's
+torque. A right file, and one of another robot or mounting."""
+FACTORS = np.geomspace(0.02, 50.0, 41)  # of a command's unit: per cent of 2 to 5,000 N m
+NEARER = np.geomspace(0.82, 1.22, 17)  # of the best of them
+UNRELATED = 1e-3  # factor of a command that does not follow the file
+
+
+class JointScale(NamedTuple):
+    """A joint's commands as a multiple of the file's, and log odds."""
+
+    joint: int
+    factor: float
+    odds: float
+
+
+@dataclass(frozen=True, eq=False)
+class TiedFit:
+    """The commands of m joints with the file's torque as it is: no joint has a factor of its own.
+
+    Attributes:
+        products: (m, 2 + p, 2 + p) mean products of a joint's residuals: its command, the file's torque, and
+            what p changes add to it: the whole of each link, gravity along each axis, a load's mass and
+            moments.
+        n: independent rows.
+    """
+
+    products: Array
+    n: float
+
+    @classmethod
+    def of(cls, fit: FileFit) -> TiedFit:
+        assert isinstance(fit.body, SupportsVariations)
+        assert fit.rows.torque is not None
+        columns = fit.body.links(fit.states)
+        own = np.einsum("njli,jli->njl", columns, fit.body.link_parameters)
+        load = columns[:, :, -1, :4]
+        load = load * unit_masses(fit.rows.torque, load)
+        changes = np.concatenate([own, EARTH * fit.body.pulls(fit.states), load], axis=2)
+        products = []
+        for j in fit.joint_indices.tolist():
+            command = fit.rows.command[:, j, AS_LOGGED]
+            parts = np.column_stack([command, fit.rows.torque[:, j], changes[:, j]])
+            residuals = fit.residual(j, parts) / command.std()
+            products.append(residuals.T @ residuals / len(residuals))
+        return cls(np.array(products), len(fit.rows.t) / APART)
+
+    def scores(self, factors: Array, deviations: tuple[float, float, float]) -> Array:
+        """(N,) log evidence of factors (N, m) of the commands. The changes are integrated out (Laplace) with
+        `deviations`, RIGHT or OTHER; joints are weighed by what is left of them.
+        """
+        p, G = self.products.shape[1] - 2, self.products
+        deviation = np.repeat(deviations, (p - 7, 3, 4))
+        change = np.zeros((len(factors), p))
+        for _ in range(ROUNDS):
+            beside = np.broadcast_to(-change[:, None], (*factors.shape, p))
+            a = np.concatenate([1.0 / factors[..., None], -np.ones((*factors.shape, 1)), beside], axis=2)
+            left = np.maximum(np.einsum("Nmc,mcd,Nmd->Nm", a, G, a, optimize=True), 0.0) * factors**2 + FLOOR
+            weight = self.n * factors**2 / left
+            A = np.einsum("Nm,mpq->Npq", weight, G[:, 2:, 2:]) + np.diag(deviation**-2)
+            y = G[:, 2:, 0] / factors[..., None] - G[:, 2:, 1]
+            change = np.linalg.solve(A, np.einsum("Nm,Nmp->Np", weight, y)[..., None])[..., 0]
+        price = ((change / deviation) ** 2).sum(axis=1) + np.linalg.slogdet(A)[1]
+        return np.asarray(-0.5 * (self.n * np.log(left).sum(axis=1) + price) - np.log(deviation).sum())
+
+    def with_factors(self, joint: int, tried: Array) -> Array:
+        """(N,) the same of factors of one joint's commands, of a file whose masses are right."""
+        factors = np.ones((len(tried), len(self.products)))
+        factors[:, joint] = tried
+        return self.scores(factors, RIGHT)
+
+
+def scale_of(fit: FileFit) -> JointScale | None:
+    """The joint whose commands have another unit; None where masses that are off, a load at the last link or
+    a tilted base explain as much. Its commands have to follow the file: without any of it they are no matter
+    of units.
+    """
+    tied = TiedFit.of(fit)
+    as_is, other = (float(tied.scores(np.ones((1, len(tied.products))), x)[0]) for x in (RIGHT, OTHER))
+    scores = np.array([tied.with_factors(j, FACTORS) for j in range(len(tied.products))])
+    j, best = np.unravel_index(int(scores.argmax()), scores.shape)
+    near = FACTORS[best] * NEARER
+    refined = tied.with_factors(int(j), near)
+    unrelated = float(tied.with_factors(int(j), np.array([UNRELATED]))[0])
+    if refined.max() - max(as_is, other, unrelated) < AHEAD:
+        return None
+    joint, factor = int(fit.joint_indices[j]), float(near[refined.argmax()])
+    return JointScale(joint, factor, float(refined.max()) - as_is)
+
+
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
 CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms had 18
 
@@ -283,7 +387,7 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     return replace(finding, light="yellow")
 
 
-EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction
+HELD = 0.5  # part of the earth's gravity that commands hold in another direction
 LEFT = 0.5  # of what the file's gravity leaves
 
 
