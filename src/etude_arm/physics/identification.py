@@ -539,13 +539,13 @@ ENOUGH = 0.3
 
 
 def steady(samples: Samples, *turning: Array) -> Mask:
-    """(n, J) samples in which a joint moves away from reversals of each quantity (n, J), as its speed; all
-    moving samples if too few remain.
+    """(n, J) samples in which a joint moves away from reversals of each quantity (n, J), as its speed, and
+    from its zeros, as of a command within the dead band; all moving samples if too few remain.
     """
     moving = samples.moving & samples.usable
     mask = moving.copy()
     for one in turning:
-        mask &= since_reversal(samples.t, samples.group, one) > TURNED
+        mask &= (since_reversal(samples.t, samples.group, one) > TURNED) & (one != 0.0)
     return np.where(mask.sum(axis=0) > ENOUGH * moving.sum(axis=0), mask, moving)
 
 

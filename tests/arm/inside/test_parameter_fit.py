@@ -21,7 +21,14 @@ from etude import plugins
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec
 from etude_arm.identified.combinations import combinations
-from etude_arm.identified.parameter_fit import TERMS, ParameterFit, parameter_fit, savage_dickey, settled
+from etude_arm.identified.parameter_fit import (
+    TERMS,
+    ParameterFit,
+    Problem,
+    parameter_fit,
+    savage_dickey,
+    settled,
+)
 from etude_arm.identified.parameter_report import friction_c
 from etude_arm.physics.identification import since_reversal
 from etude_arm.spec import COMMAND_RATES
@@ -203,6 +210,23 @@ def test_a_dead_band_is_told_from_friction_where_gravity_turns(
     for term, true in ((k, BAND), (level, FRICTION[1])):
         assert found.terms[1, term] == pytest.approx(true, abs=3.0 * found.deviation[1, term])
         assert 0.0 < found.deviation[1, term] < 0.1 * true
+
+
+def test_a_command_within_the_dead_band_tells_nothing_of_its_joint(robot: tuple[ArmSpec, Path]) -> None:
+    """However long it stays there; on either side its filter smears the jump."""
+    spec, real = robot
+    samples = samples_of(spec, real, usual, 0)
+    problem = Problem.of(samples, spec, ArmPhysics(spec)(samples))
+    command = np.full(samples.command.shape, 4.0 * BAND)
+    stay = slice(120, 180)  # 3 s
+    command[stay, 1] = 0.4 * BAND
+    told = problem.pushed_by(command, 0.1 * np.ones(spec.dof), np.full(spec.dof, BAND))
+    told = told.only(np.array([True, False]))
+    assert not told.used[stay, 1].any()
+    rest = np.ones(len(command), dtype=bool)
+    rest[110:190] = False
+    np.testing.assert_array_equal(told.used[rest], problem.used[rest])
+    np.testing.assert_array_equal(told.used[:, 0], problem.used[:, 0])
 
 
 @pytest.mark.slow
