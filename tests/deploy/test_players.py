@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import sys
 from collections.abc import Callable
 from importlib.resources import files
@@ -66,6 +68,45 @@ def test_nothing_is_sent_elsewhere(
     assert points.main([]) == 1
     assert ros.goal is None
     assert next(iter(wrong)) in capsys.readouterr().err
+
+
+def test_nothing_is_sent_to_a_robot_that_moves(
+    ros: Ros, points: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ros.speeds = {"b": -1.5}
+    assert points.main([]) == 1
+    assert ros.goal is None
+    assert "b moves at -1.500" in capsys.readouterr().err
+
+
+def test_the_start_is_as_near_as_the_certificate_keeps(ros: Ros, points: Any, tmp_path: Path) -> None:
+    row = {"axis": "b", "quantity": "position", "tracking_margin": 0.004}
+    (tmp_path / "certificate.json").write_text(json.dumps({"rows": [row]}))
+    ros.state = {"a": 0.119, "b": -0.205}
+    assert points.main([]) == 1
+    assert points.main(["--tolerance", "0.02"]) == 0
+    ros.state = {"a": 0.119, "b": -0.203}
+    assert points.main([]) == 0
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_cancels_the_motion(
+    ros: Ros, points: Any, sign: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the controller plays on to the end."""
+
+    def interrupted(_: Ros) -> bool:
+        os.kill(os.getpid(), sign)
+        return False
+
+    ros.script = interrupted
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert points.main([]) == 130
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert ros.cancelled == 1
+    assert "cancelled" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_a_free_robot_is_no_object_beside_one(tmp_path: Path) -> None:
     [
         ({"option": 'gravity="0 0 0"'}, "disables gravity"),
         ({"option": 'gravity="0 -9.81 0"'}, r"Gravity in the file is \(0, -9.81, 0\)"),
-        ({"body": 'gravcomp="1"'}, r"takes the weight off b \(gravcomp\)"),
+        ({"body": 'gravcomp="1"'}, r"compensates the weight of b \(gravcomp\)"),
         ({"name": 'name="three" stiffness="0.4"'}, r"springs of three are no part of its torques"),
         ({"name": ""}, "called after their bodies: c_joint"),
     ],
