@@ -117,16 +117,17 @@ def printed(campaign: Campaign, arm: plant.Arm) -> dict[str, tuple[float, float,
             true = sum(part["factor"] * truth[part["of"], part["parameter"]] for part in row["parts"])
             own[row["parameter"]] = (row["value"], true, row["deviation"])
     for row in facts["friction"]:
-        if row["term"] in PRINTED:
+        if row["term"] in PRINTED and row["lower"] is not None:
             name = row["joint"], row["term"]
             own[" ".join(name)] = (row["value"], truth[name], row["deviation"])
     return own
 
 
 def coverage(rows: list[dict[str, tuple[float, float, float]]]) -> Coverage:
-    """Of what several campaigns of one robot printed."""
-    table = np.array([[own[name] for name in rows[0]] for own in rows])
-    return Coverage(tuple(rows[0]), *np.moveaxis(table, 2, 0))
+    """Of what all of several campaigns of one robot printed."""
+    names = [name for name in rows[0] if all(name in own for own in rows)]
+    table = np.array([[own[name] for name in names] for own in rows])
+    return Coverage(tuple(names), *np.moveaxis(table, 2, 0))
 
 
 def robot(name: str) -> tuple[plant.Arm, str]:

@@ -87,6 +87,18 @@ def summary(rows: list[dict[str, Any]]) -> None:
                 )
 
 
+def beside_a_band(rows: list[dict[str, Any]]) -> None:
+    """Coverage of friction on the joints whose dead band is shown."""
+    z: dict[str, list[float]] = {}
+    for row in rows:
+        banded = {o["joint"] for o in row["rows"] if o["term"] == "dead band" and o["shown"]}
+        for o in row["rows"]:
+            if o["joint"] in banded and o["term"] in ("coulomb", "viscous"):
+                z.setdefault(o["term"], []).append((o["value"] - o["truth"]) / o["deviation"])
+    for term, own in z.items():
+        print(f"{term} beside a dead band: {np.mean(np.abs(own) < 1.96):.2f} of {len(own)} intervals")
+
+
 def main() -> None:
     file, count = Path(sys.argv[1]), int(sys.argv[2])
     cases = sys.argv[3].split(",") if len(sys.argv) > 3 else list(CASES)
@@ -97,6 +109,7 @@ def main() -> None:
         with file.open("a") as out:
             out.write(json.dumps(rows[-1]) + "\n")
     summary(rows)
+    beside_a_band(rows)
 
 
 if __name__ == "__main__":

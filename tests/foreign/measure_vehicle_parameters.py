@@ -1,10 +1,11 @@
 """Parameters of a quadrotor with a load off the centre, a hexacopter and an octocopter, flown in rotorpy.
 
     python tests/foreign/measure_vehicle_parameters.py RESULTS.jsonl [--seeds 10 11] [--flights 6] [--sweep]
+        [--sideways]
 
 Each line is a parameter of one campaign of so many flights of 15 s, beside the plant's own value; with
-`--sweep` the last of them goes up and down. What stands in the file is not flown again, so other flights take
-another file. `--table` prints what there is.
+`--sweep` the last of them goes up and down, with `--sideways` the last three to and fro. What stands in the
+file is not flown again, so other flights take another file. `--table` prints what there is.
 """
 
 from __future__ import annotations
@@ -59,9 +60,21 @@ def up_and_down() -> Array:
     return found
 
 
-def flown(frame: Airframe, seed: int, count: int = FLIGHTS, sweep: bool = False) -> list[Flight]:
-    """Flights of one campaign."""
-    paths = [set_points(100 * seed + i) for i in range(count - sweep)] + [up_and_down()] * sweep
+def to_and_fro() -> Array:
+    """(N, 9) of 15 s at 3 m of height: along x and y at once, up to 7 m/s each, as the page has it."""
+    t, period = np.arange(0.0, 15.001, 0.02), 7.0
+    found, part = np.zeros((len(t), 9)), np.minimum(t, 15.0 - t) / 7.5
+    size = 7.0 * period / (2.0 * np.pi) * part**2 * (3.0 - 2.0 * part)
+    found[:, 0] = found[:, 1] = size * np.sin(2.0 * np.pi * t / period)
+    found[:, 2] = 3.0
+    for order in (3, 6):
+        found[:, order] = found[:, order + 1] = np.gradient(found[:, order - 3], t)
+    return found
+
+
+def flown(frame: Airframe, seed: int, count: int = FLIGHTS, last: Sequence[Array] = ()) -> list[Flight]:
+    """Flights of one campaign, the last of them along given set-points."""
+    paths = [*(set_points(100 * seed + i) for i in range(count - len(last))), *last]
     return [fly(path, frame=frame, seed=100 * seed + i) for i, path in enumerate(paths)]
 
 
@@ -151,13 +164,13 @@ def measured(frame: Airframe, logs: Sequence[Array]) -> list[dict[str, Any]]:
 
 
 def campaigns(
-    seeds: Sequence[int], count: int, sweep: bool, known: set[tuple[str, int]]
+    seeds: Sequence[int], count: int, last: Sequence[Array], known: set[tuple[str, int]]
 ) -> Iterator[dict[str, Any]]:
     """Lines of those campaigns that are not known yet."""
     for seed in seeds:
         for name, frame in FRAMES.items():
             if (name, seed) not in known:
-                for row in measured(frame, [own.log for own in flown(frame, seed, count, sweep)]):
+                for row in measured(frame, [own.log for own in flown(frame, seed, count, last)]):
                     yield {"frame": name, "seed": seed, **row}
 
 
@@ -205,6 +218,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS)
     parser.add_argument("--flights", type=int, default=FLIGHTS)
     parser.add_argument("--sweep", action="store_true", help="the last flight goes up and down")
+    parser.add_argument("--sideways", action="store_true", help="the last three flights go to and fro")
     parser.add_argument("--table", action="store_true", help="of what there is")
     given = parser.parse_args()
     path: Path = given.results
@@ -212,7 +226,8 @@ def main() -> None:
     if not given.table:
         with path.open("a") as file:
             known = {(row["frame"], row["seed"]) for row in rows}
-            for row in campaigns(given.seeds, given.flights, given.sweep, known):
+            last = [up_and_down()] * given.sweep + [to_and_fro()] * (3 * given.sideways)
+            for row in campaigns(given.seeds, given.flights, last, known):
                 file.write(json.dumps(row) + "\n")
                 file.flush()
                 rows.append(row)

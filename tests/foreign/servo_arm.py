@@ -20,7 +20,7 @@ pin = pytest.importorskip(
 
 Array = NDArray[np.float64]
 SUBSTEP, PERIOD, RATE = 4e-4, 2e-3, 100.0
-"""s of the teeth's integration and of the servo's controller, and Hz of the log."""
+"""s of the integration and of the servo's controller, and Hz of the log."""
 FULL = 1000.0
 """Counts of the full voltage."""
 STEP = 2.0 * np.pi / 4096
@@ -118,11 +118,13 @@ def run(own: Servos, goals: Array, seed: int) -> tuple[Array, Array, Array]:
         if own.backlash.any():
             motor, speed, link, rate = _loose(own, push, mass, bias, (motor, speed, link, rate))
             continue
-        # friction by its secant, implicit
         whole = mass + np.diag(own.armature)
-        drag = PERIOD * np.diag(friction(own, _moving(rate)) / _moving(rate))
-        rate = np.linalg.solve(whole + drag, whole @ rate + PERIOD * (push - bias))
-        link = motor = link + PERIOD * rate
+        for _ in range(round(PERIOD / SUBSTEP)):
+            # friction by its secant, implicit: it acts half a step early, so steps are short
+            drag = SUBSTEP * np.diag(friction(own, _moving(rate)) / _moving(rate))
+            rate = np.linalg.solve(whole + drag, whole @ rate + SUBSTEP * (push - bias))
+            link = link + SUBSTEP * rate
+        motor = link
     t, q, counts = (np.array(part) for part in zip(*rows, strict=True))
     return t, q, counts
 

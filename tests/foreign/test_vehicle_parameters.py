@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rotorpy", reason="rotorpy is not installed: pip install 'rotorpy>=2.1'")
 
-from measure_vehicle_parameters import FRAMES, SEEDS, TARGETS, covered, flown, measured, off
+from measure_vehicle_parameters import FRAMES, SEEDS, TARGETS, covered, flown, measured, off, up_and_down
 from rotorpy_vehicle import fly
 
 
@@ -40,7 +40,9 @@ def test_two_flights_of_a_hexacopter_tell_hover_thrust_centre_and_drag() -> None
 @pytest.mark.slow
 def test_a_flight_up_and_down_tells_the_motors_lag() -> None:
     for seed in SEEDS[:2]:
-        rows = measured(FRAMES["quadrotor"], [own.log for own in flown(FRAMES["quadrotor"], seed, 2, True)])
+        rows = measured(
+            FRAMES["quadrotor"], [own.log for own in flown(FRAMES["quadrotor"], seed, 2, [up_and_down()])]
+        )
         (own,) = (row for row in rows if row["parameter"] == "motor time constant")
         assert own["value"] is not None
         assert off(own) < TARGETS["motor time constant"]

@@ -185,9 +185,9 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
         # backlash of one joint shows in the commands of others: all have it, or none
         has[:, 1] = has[:, 1].any()
         result = _settled(problem.only(has))
-        more = has[:, 0] & (result.fit.extra[:, COULOMB] < 0.0)
+        more = has[:, 0] & ((result.fit.extra[:, COULOMB] < 0.0) | (_nats_of_band(result) < SHOWN))
         if more.any():
-            # the dead band exceeds all Coulomb friction: the data do not separate the two
+            # the dead band is all of Coulomb friction, or nothing: the data do not separate the two
             nats[:, more] = 0.0
             has[:, 0] &= ~more
             result = _settled(problem.only(has))
@@ -239,6 +239,15 @@ def _nats_of_lost(start: Problem, result: Settled) -> tuple[Problem, Array]:
             nats[k] = _nats_of_positive(fit.extra[:, DEAD_BAND], fit.spread[:, DEAD_BAND], prior)
     nats[3] += nats[1]
     return problem, nats
+
+
+def _nats_of_band(result: Settled) -> Array:
+    """(J,) for the dead band in the fit that has it; 0 of joints without one."""
+    value, spread = (part[:, DEAD_BAND] for part in (result.fit.extra, result.fit.spread))
+    nats = np.zeros(len(value))
+    has = spread > 0.0
+    nats[has] = _nats_of_positive(value[has], spread[has], result.prior[has, DEAD_BAND])
+    return nats
 
 
 def _nats_of_positive(value: Array, deviation: Array, prior: Array) -> Array:
@@ -327,8 +336,7 @@ class Problem:
             commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
-        separate: (J,) prior deviation of the directions of a command with a rigid body of its own, in its
-            unit per N m; zero where it is shared.
+        separate: (J,) unit of a command with a rigid body of its own per N m; zero where it is shared.
         slope: (n, J, J) of the rigid commands by the position of each hinge with a drive of its own, on the
             side of its drive; zero of others.
         band: (n, J) column of the dead band; loose: (n, J, J) commands per backlash of each joint. Zero where
@@ -392,7 +400,7 @@ class Problem:
             shared,
             armature,
             ripple,
-            ~shared * np.minimum(_root(load) / _root(rigid @ priors[0].nominal), [p.gain for p in priors]),
+            ~shared * _gains(rigid, model.inertial, priors),
             _slope(spec, mean, samples),
             none,
             np.zeros((*speed.shape, spec.dof)),
@@ -493,7 +501,8 @@ class Problem:
     def _output(self, j: int, drive: Array) -> OutputColumns:
         prior, samples, model = self.priors[j], self.samples, self.mean.model
         rows = self.used[:, j]
-        nominal = prior.nominal if self.shared[j] else model.inertial[j]
+        # not the fitted parameters: these samples made them, without dead band, and the prior is narrow
+        nominal = prior.nominal * (1.0 if self.shared[j] else self.separate[j])
         rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
         command, rate = (part[rows, j] for part in self.late)
         rigid[:, -1] = DELAY * rate
@@ -508,7 +517,7 @@ class Problem:
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
         if not self.shared.all():
             deviations = np.append(
-                deviations, np.full(self.drive.shape[2] - len(deviations), self.separate[j])
+                deviations, np.full(self.drive.shape[2] - len(deviations), abs(self.separate[j]))
             )
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
@@ -518,9 +527,11 @@ class Problem:
         )
 
 
-def _root(force: Array) -> Array:
-    """(J,) root mean squares of (n, J)."""
-    return np.asarray(np.sqrt(np.mean(force**2, axis=0)))
+def _gains(rigid: Array, inertial: Array, priors: Sequence[IdentificationPrior]) -> Array:
+    """(J,) by which the file's rigid commands are nearest to those of the parameters (J, P)."""
+    file, most = rigid @ priors[0].nominal, np.array([prior.gain for prior in priors])
+    gains = np.sum(np.einsum("njp,jp->nj", rigid, inertial) * file, axis=0) / np.sum(file**2, axis=0)
+    return np.asarray(np.clip(gains, -most, most))
 
 
 def _slope(spec: ArmSpec, mean: RigidBodyMean, samples: Samples) -> Array:

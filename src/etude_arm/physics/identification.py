@@ -87,7 +87,7 @@ def fitted(
             raise DataError(
                 "An axis never moves, so nothing of it can be identified",
                 where=name,
-                next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
+                next_step="Ingest a log that moves it, together with this one, or remove the axis.",
             )
         columns = _columns(regressors, moving, prior, body, j)
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
@@ -122,18 +122,41 @@ def _with_shared(
         clock = Clock(samples.t[rows], samples.group[rows])
         outputs.append(OutputColumns(columns, residual, deviations, model.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
-    fit = shared_fit(outputs, directions.shape[1], limits)
-    if ripple:
-        fit = _rippled(fit, outputs, E, directions.shape[1], limits)
-    take = (fit.noise <= OTHER_SCALE * model.deviation)[:, None]
-    return replace(
-        model,
-        inertial=np.where(take, priors[0].nominal + directions @ fit.z, model.inertial),
-        extra=np.where(take, fit.extra[:, :E], model.extra),
-        extra_deviation=np.where(take, fit.spread[:, :E], model.extra_deviation),
-        deviation=np.where(take[:, 0], fit.noise, model.deviation),
-        ripple=np.where(take, fit.extra[:, E:], 0.0) if ripple else None,
-    )
+    fit, taken = _of_one_scale(outputs, directions.shape[1], limits, model.deviation, E if ripple else 0)
+    values = {
+        name: getattr(model, name).copy() for name in ("inertial", "extra", "extra_deviation", "deviation")
+    }
+    values["inertial"][taken] = priors[0].nominal + directions @ fit.z
+    values["extra"][taken], values["extra_deviation"][taken] = fit.extra[:, :E], fit.spread[:, :E]
+    values["deviation"][taken] = fit.noise
+    waves = np.zeros((len(outputs), extra.shape[2] - E))
+    waves[taken] = fit.extra[:, E:]
+    return replace(model, **values, ripple=waves if ripple else None)
+
+
+def _of_one_scale(
+    outputs: Sequence[OutputColumns], r: int, limits: Array, alone: Array, friction: int
+) -> tuple[SharedFit, list[int]]:
+    """The fit of one rigid body to the outputs that it explains, and which these are.
+
+    As long as the noise of one exceeds `OTHER_SCALE` times that of its own parameters, the output is left out
+    without which the others agree best: the one with another scale spoils them all.
+
+    Args:
+        alone: (J,) noise with separate parameters. friction: columns before the ripple's; 0: no ripple.
+    """
+
+    def tried(taken: list[int]) -> tuple[float, SharedFit, list[int]]:
+        chosen, within = [outputs[j] for j in taken], limits[taken]
+        fit = shared_fit(chosen, r, within)
+        fit = _rippled(fit, chosen, friction, r, within) if friction else fit
+        return float(np.max(fit.noise / alone[taken])), fit, taken
+
+    worst, fit, taken = tried(list(range(len(outputs))))
+    while worst > OTHER_SCALE and len(taken) > 1:
+        others = ([j for j in taken if j != out] for out in taken)
+        worst, fit, taken = min(map(tried, others), key=lambda one: one[0])
+    return fit, taken
 
 
 def _rippled(fit: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
@@ -516,13 +539,13 @@ ENOUGH = 0.3
 
 
 def steady(samples: Samples, *turning: Array) -> Mask:
-    """(n, J) samples in which a joint moves away from reversals of each quantity (n, J), as its speed; all
-    moving samples if too few remain.
+    """(n, J) samples in which a joint moves away from reversals of each quantity (n, J), as its speed, and
+    from its zeros, as of a command within the dead band; all moving samples if too few remain.
     """
     moving = samples.moving & samples.usable
     mask = moving.copy()
     for one in turning:
-        mask &= since_reversal(samples.t, samples.group, one) > TURNED
+        mask &= (since_reversal(samples.t, samples.group, one) > TURNED) & (one != 0.0)
     return np.where(mask.sum(axis=0) > ENOUGH * moving.sum(axis=0), mask, moving)
 
 

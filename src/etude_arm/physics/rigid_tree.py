@@ -47,7 +47,7 @@ def _joint_ids(model: Any, names: tuple[str, ...]) -> list[int]:
         raise UsageError(
             f"The model file has no joint named {', '.join(missing)}",
             where=f"its joints: {', '.join(by_name) or 'none'}",
-            next_step="Give the axes in the robot file the names of the joints in the model file.",
+            next_step="Use the joint names of the model file for the axes in the robot file.",
         )
     wrong = [name for name in names if int(model.jnt_type[by_name[name]]) not in (_HINGE, _SLIDE)]
     if wrong:
@@ -105,9 +105,8 @@ def _drive(model: Any, actuator: int, joints: list[int]) -> Drive | None:
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
     gear = float(model.actuator_gear[actuator, 0])
     if kind in _ON_JOINT and target in joints:
-        return Drive(
-            gear, np.eye(len(joints))[joints.index(target)], np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-        )
+        # commands of a joint's own actuator are forces at the joint, as limits, logs and drivers have them
+        return joint_drives(len(joints))[joints.index(target)]
     if kind == _ON_TENDON:
         return _tendon_drive(model, target, gear, joints)
     return None

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -424,3 +425,30 @@ def test_what_is_rehearsed_hangs_where_it_is_mounted(name: str) -> None:
     still = np.zeros_like(poses)
     wanted = [judge.gravity(pose) for pose in poses]
     np.testing.assert_allclose(robot.inverse(poses, still, still), wanted, atol=1e-6)
+
+
+GEARED = """<mujoco><worldbody><body name="u" pos="0 0 .5"><joint name="a" axis="0 1 0" range="-90 90"/>
+<geom type="capsule" fromto="0 0 0 .3 0 .1" size=".04" mass="2"/><body name="f" pos=".3 0 .1">
+<joint name="b" axis=".2 1 0" range="-90 90"/>
+<geom type="capsule" fromto="0 0 0 .2 .05 0" size=".03" mass="1"/>
+</body></body></worldbody><actuator><motor joint="a" gear="{0}" ctrlrange="-{1} {1}"/>
+<motor joint="b" gear="{0}" ctrlrange="-{1} {1}"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("gear", [1.0, 50.0, -2.0])
+def test_commands_are_forces_at_the_joints_whatever_the_gear(gear: float, tmp_path: Path) -> None:
+    """MuJoCo's inverse dynamics judges; limits of actuators are limits at the joints, too."""
+    path = tmp_path / "geared.xml"
+    path.write_text(GEARED.format(gear, 20.0 / abs(gear)))
+    spec = spec_from_model(path, given={j: {"velocity": 2.0, "acceleration": 4.0} for j in "ab"}).spec
+    np.testing.assert_allclose(spec.command, 20.0)
+    geometry = read_geometry(spec)
+    assert geometry is not None
+    rng = np.random.default_rng(3)
+    q, qd, qdd = rng.uniform(-1.0, 1.0, (3, 20, 2))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, wanted = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, qd, qdd, strict=True):
+        mujoco.mj_inverse(model, data)
+        wanted.append(data.qfrc_inverse.copy())
+    np.testing.assert_allclose(nominal_commands(geometry, q, qd, qdd), wanted, atol=1e-9)

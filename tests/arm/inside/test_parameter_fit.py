@@ -21,7 +21,14 @@ from etude import plugins
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec
 from etude_arm.identified.combinations import combinations
-from etude_arm.identified.parameter_fit import TERMS, ParameterFit, parameter_fit, savage_dickey, settled
+from etude_arm.identified.parameter_fit import (
+    TERMS,
+    ParameterFit,
+    Problem,
+    parameter_fit,
+    savage_dickey,
+    settled,
+)
 from etude_arm.identified.parameter_report import friction_c
 from etude_arm.physics.identification import since_reversal
 from etude_arm.spec import COMMAND_RATES
@@ -205,6 +212,23 @@ def test_a_dead_band_is_told_from_friction_where_gravity_turns(
         assert 0.0 < found.deviation[1, term] < 0.1 * true
 
 
+def test_a_command_within_the_dead_band_tells_nothing_of_its_joint(robot: tuple[ArmSpec, Path]) -> None:
+    """However long it stays there; on either side its filter smears the jump."""
+    spec, real = robot
+    samples = samples_of(spec, real, usual, 0)
+    problem = Problem.of(samples, spec, ArmPhysics(spec)(samples))
+    command = np.full(samples.command.shape, 4.0 * BAND)
+    stay = slice(120, 180)  # 3 s
+    command[stay, 1] = 0.4 * BAND
+    told = problem.pushed_by(command, 0.1 * np.ones(spec.dof), np.full(spec.dof, BAND))
+    told = told.only(np.array([True, False]))
+    assert not told.used[stay, 1].any()
+    rest = np.ones(len(command), dtype=bool)
+    rest[110:190] = False
+    np.testing.assert_array_equal(told.used[rest], problem.used[rest])
+    np.testing.assert_array_equal(told.used[:, 0], problem.used[:, 0])
+
+
 @pytest.mark.slow
 def test_backlash_is_told_where_gravity_turns(robot: tuple[ArmSpec, Path], fit: ParameterFit) -> None:
     """Of an encoder at the motor, which leads the link."""
@@ -317,7 +341,7 @@ def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> 
     samples = samples_of(spec, robot[1], usual, 2)
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert any("no mass follows" in sentence for sentence in delivered.said)
+    assert any("masses need the motors' constants" in sentence for sentence in delivered.said)
     friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
     assert friction[NAMES[0], "coulomb"]["unit"] == "V"
     assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
@@ -331,7 +355,7 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     samples = samples.take(slice(None, None, len(samples) // 250))
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert "friction alone follows" in delivered.said[0]
+    assert "only friction is identified" in delivered.said[0]
     rows = {(row["joint"], row["term"]): row for row in delivered.facts["friction"]}
     for name, level in zip(NAMES, FRICTION, strict=True):
         coulomb = rows[name, "coulomb"]
@@ -346,4 +370,4 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     assert all(row["lower"] is None for row in one_way.facts["friction"])
     still = replace(samples, moving=np.zeros_like(samples.moving))
     rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
-    assert all("no term is shown" in sentence for sentence in rest.said[1:])
+    assert all("the logs show no term" in sentence for sentence in rest.said[1:])

@@ -70,10 +70,11 @@ def test_moments_and_speeds_are_mujocos(model, states) -> None:
         )
         for axis, name in ACTUATOR_OF_AXIS.items():
             actuator = model.actuator(name).id
-            np.testing.assert_allclose(
-                drive.moment[row, NAMES.index(axis)], dense[actuator, columns], rtol=1e-10, atol=1e-12
-            )
-            assert drive.speed[row, NAMES.index(axis)] == pytest.approx(data.actuator_velocity[actuator])
+            # a joint's own actuator: its command is the force at the joint, behind the gear
+            gear = model.actuator_gear[actuator, 0] if axis == name else 1.0
+            moment, velocity = dense[actuator, columns] / gear, data.actuator_velocity[actuator] / gear
+            np.testing.assert_allclose(drive.moment[row, NAMES.index(axis)], moment, rtol=1e-10, atol=1e-12)
+            assert drive.speed[row, NAMES.index(axis)] == pytest.approx(velocity)
     np.testing.assert_array_equal(drive.moment[:, NAMES.index("tilt")], np.tile(np.eye(5)[2], (25, 1)))
 
 

@@ -17,6 +17,7 @@ import pytest
 from etude import ask, cli, status, tell
 from etude.campaign import Campaign, chained, create_campaign, open_campaign
 from etude.campaign.record.known_faults import FAULTS
+from etude.storage import GENERATION
 from etude.trajectories import from_json
 
 URDF = """<robot name="two">
@@ -37,6 +38,8 @@ SHORT = {
     "duration = 60.0": "duration = 8.0",
     ', "standing", "slow", "ripple", "gip_lin", "all_lin"': "",
 }
+MJCF = """<mujoco><worldbody><body name="arm"><joint name="one" axis="0 1 0" range="-60 60"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".03" mass=".5"/></body></worldbody>ACTUATORS</mujoco>"""
 Made = Callable[..., Path]
 
 
@@ -57,12 +60,13 @@ def made(tmp_path: Path) -> Made:
     return make
 
 
-def aged(path: Path) -> Path:
-    """The folder as the first generation would have left it: nothing says a generation."""
+def aged(path: Path, generation: int = 1) -> Path:
+    """The folder as an earlier generation would have left it; the first one does not state any."""
+    stated = {} if generation == 1 else {"generation": generation}
     journal, lines = path / "journal.jsonl", list[str]()
     for line in journal.read_text().splitlines():
         facts = {k: v for k, v in json.loads(line).items() if k not in ("generation", "previous", "seal")}
-        lines.append(chained(json.dumps(facts), lines))
+        lines.append(chained(json.dumps(facts | stated), lines))
     journal.write_text("".join(f"{line}\n" for line in lines))
     for mark in path.glob("exports/*/etude-export.json"):
         words = json.loads(mark.read_text())
@@ -110,12 +114,25 @@ def test_a_lost_mounting_is_named_where_there_was_one(
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("UNSAFE")]
     assert len(lines) == 3 * named
     if named:
-        again = re.search(r"Make it again: etude (.*)$", lines[0])
+        again = re.search(r"Write it again: etude (.*)$", lines[0])
         assert again is not None
         assert cli.main(shlex.split(again[1])) == 0
         assert ("mounting", folders[0]) not in codes(path)
         ask(open_campaign(path), go_on=True, start="home", formats=("ros2_csv",))
         assert codes(path) == []
+
+
+def test_torques_divided_by_a_gear_are_named(tmp_path: Path) -> None:
+    """Only of an MJCF whose joints have actuators with a gear."""
+    actuators = '<actuator><motor joint="one" gear="{}" ctrlrange="-9 9"/></actuator>'
+    for gear, named in (("1", False), ("50 0 0 0 0 0", True)):
+        (tmp_path / f"{named}.xml").write_text(MJCF.replace("ACTUATORS", actuators.format(gear)))
+        words = ["--robot", str(tmp_path / f"{named}.xml"), "--velocity", "one=1", "--acceleration", "one=2"]
+        path = tmp_path / f"lab{named}"
+        assert cli.main(["init", str(path), *words]) == 0
+        ask(open_campaign(path), go_on=True)
+        assert codes(path) == []
+        assert codes(aged(path, generation=2)) == [("gear", "proposals/0001")] * named
 
 
 def test_a_motion_that_does_not_end_at_rest(made: Made) -> None:
@@ -142,9 +159,9 @@ def test_an_exported_model_and_what_was_learned(made: Made, tmp_path: Path) -> N
         assert cli.main(["export", str(path), "--to", to, *more]) == 0
     assert codes(path) == []
     mark = tmp_path / "robot" / "etude-export.json"
-    assert json.loads(mark.read_text())["generation"] == 2
+    assert json.loads(mark.read_text())["generation"] == GENERATION
     aged(path)
-    mark.write_text(mark.read_text().replace('"generation": 2,', ""))
+    mark.write_text(mark.read_text().replace(f'"generation": {GENERATION},', ""))
     found = codes(path)
     assert ("mounting", "models/0001") in found
     for place in ("exports/c", str(tmp_path / "robot")):  # the journal knows where it went

@@ -34,24 +34,30 @@ class Fault:
 
 
 MOUNTING, CLAMPED, MOVING_END, HELD = "mounting", "clamped_physics", "moving_end", "held_joint"
+GEAR = "gear"
 FAULTS = {
     MOUNTING: Fault(
         2,
-        "[mounting] was lost, since the model file's root link is called world: gravity, clearances and "
-        "torques are those of a robot that stands upright",
+        "[mounting] was ignored, because the root link of the model file has the name world: gravity, "
+        "clearances and torques are those of an upright robot",
     ),
     CLAMPED: Fault(
         2,
-        "its physics, gravity too, stand still where a joint leaves the positions that it was trained on: "
-        "commands are wrong there",
+        "its physics, with gravity, are constant outside the positions of its training: commands are wrong "
+        "there",
     ),
     MOVING_END: Fault(
         2,
-        "its last row is in motion, and a receiver that holds the last row flies on: out of the limits",
+        "its last row is in motion: a receiver that holds the last row leaves the limits",
     ),
     HELD: Fault(
         2,
-        "a joint moved in no log, and its commands are what its controller gave as it sagged",
+        "a joint moved in no log, so its commands are those of its controller while it sagged",
+    ),
+    GEAR: Fault(
+        3,
+        "torques of joints whose actuator has a gear in the model file were divided by it, and compared with "
+        "limits that were not",
     ),
 }
 TARGETS = ("c", "ros2", "onnx", "px4", "crazyflie")
@@ -88,7 +94,7 @@ def affected(campaign: Campaign, state: State) -> list[Affected]:
         raise UsageError(
             f"the kind of robot {kind.name} names an unknown fault: {unknown[0]}",
             where=f"{type(kind).__name__}.mended",
-            next_step=f"Correct the plug-in: known are {', '.join(FAULTS)}.",
+            next_step=f"Correct the plug-in. Known faults: {', '.join(FAULTS)}.",
         )
     return [
         *_motions(campaign, state, of_robot),
@@ -112,9 +118,9 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
             continue
         receiver = event.fact.format if isinstance(event.fact, Exported) else ""
         what = f"trajectory {number}" + f" for {receiver}" * bool(receiver)
-        if _is_before(event, MOUNTING) and MOUNTING in of_robot:
+        for code in _of_robot(event, of_robot):
             again = "" if one.open else " --new"
-            yield Affected(MOUNTING, what, folder, f"etude ask {typed(campaign.path)}{again}")
+            yield Affected(code, what, folder, f"etude ask {typed(campaign.path)}{again}")
         if _is_before(event, MOVING_END) and _ends_in_motion(certificate):
             give_up = f"etude abandon {typed(campaign.path)} {number}, then " if one.open else ""
             yield Affected(MOVING_END, what, folder, f"{give_up}etude ask {typed(campaign.path)} --new")
@@ -139,17 +145,14 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
         again = f"etude untell {typed(path)} {number}, then etude tell {typed(path)} {typed(log)}"
         yield Affected(code, f"the model of log {number}", f"models/{number:04d}", again)
     promoted = [e for e in events if isinstance(e.fact, Promoted)]
-    if MOUNTING in of_robot and state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
+    for code in _of_robot(promoted[-1], of_robot) if state.promoted and promoted else ():
         what = f"the promoted model of log {promoted[-1].number}"
-        yield Affected(
-            MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {typed(path)}"
-        )
+        yield Affected(code, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {typed(path)}")
 
 
 def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> Iterator[str]:
     """Codes of the faults of a training."""
-    if MOUNTING in of_robot and _is_before(event, MOUNTING):
-        yield MOUNTING
+    yield from _of_robot(event, of_robot)
     if isinstance(event.fact, Trained) and _is_before(event, HELD) and _is_held(campaign, event.fact.logs):
         yield HELD
 
@@ -172,8 +175,9 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
         again = f"etude export {typed(campaign.path)} --to {target}{output}"
-        if generation < FAULTS[MOUNTING].mended and MOUNTING in of_robot:
-            yield Affected(MOUNTING, f"the model for {target}", str(where), again)
+        for code in of_robot:
+            if generation < FAULTS[code].mended:
+                yield Affected(code, f"the model for {target}", str(where), again)
         if generation < FAULTS[CLAMPED].mended and target in TARGETS:
             yield Affected(CLAMPED, f"the model for {target}", str(where), again)
 
@@ -192,6 +196,11 @@ def _exported_models(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]
             continue  # it went to the robot, or was deleted
         if isinstance(contents, dict):
             yield place, contents
+
+
+def _of_robot(event: Event, codes: Sequence[str]) -> list[str]:
+    """Which of the faults of this robot's files the event's files have."""
+    return [code for code in codes if _is_before(event, code)]
 
 
 def _is_before(event: Event, code: str) -> bool:

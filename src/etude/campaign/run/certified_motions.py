@@ -11,7 +11,7 @@ import numpy as np
 
 from etude import plugins
 from etude.campaign.ingest.recordings import file_gravity
-from etude.campaign.propose.approach import clear_poses, require_inside, there_and_back
+from etude.campaign.propose.approach import There, clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.export import GROUP, accelerated_by
 from etude.campaign.propose.typical_motions import approaches_of
@@ -215,8 +215,15 @@ class Transfers:
     back: CertifiedMotion | None
 
 
+SLOW = 0.05
+"""Part of a joint's velocity limit at which it may be transferred however slowly the motion moves it."""
+
+
 def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Transfers:
     """Proved transfers from a pose (k,) to the motion's start, and from its end back, at its speed.
+
+    No joint is faster on them than in the motion, or than `SLOW`: logs of such motions say nothing of
+    commands at higher speeds, and the supervisor compares commands on transfers too.
 
     Raises:
         UsageError: the pose is outside the limits, or the kind has no approaches, or the motion does not
@@ -226,17 +233,21 @@ def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Tr
     require_inside(pose, lower, upper, campaign.axes, f"motion {motion.number}, the approach to it")
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
+
+    def paths_at(speed: float) -> There | None:
+        return there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear, speed)
+
     try:
-        paths = there_and_back(
-            motion.trajectory, pose, approaches_of(campaign), limits, home, clear, motion.speed
-        )
+        paths = paths_at(motion.speed)
+        pace = 1.0 if paths is None else _pace(campaign, motion.trajectory, paths)
+        paths = paths if pace == 1.0 else paths_at(pace * motion.speed)
     except UnsafeTrajectoryError as problem:
         raise _no_approach(campaign, motion, pose, home, problem) from None
     if paths is None or paths.whole is None:
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' have no approach to a motion from rest to rest",
             where=str(campaign.path),
-            next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
+            next_step="Play the files of etude ask with the robot's own controller, then ingest its log.",
         )
     at_start, at_end = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
     return Transfers(
@@ -245,18 +256,39 @@ def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Tr
     )
 
 
+def _pace(campaign: Campaign, motion: Trajectory, paths: There) -> float:
+    """Part of their speed, at most 1, at which no joint is faster on the paths than in the motion."""
+    rate = next((c.name for c in campaign.channels if c.derivative_of == campaign.kind.path), "")
+    limits = campaign.kind.expected(campaign.spec).limits.get(rate)
+    slow = np.zeros(len(campaign.axes)) if limits is None else SLOW * np.minimum(limits[1], -limits[0])
+    least = np.maximum(_peak_speeds(motion), np.where(np.isfinite(slow), slow, 0.0))
+    fastest = np.maximum(_peak_speeds(paths.approach), _peak_speeds(paths.back))
+    moving = (fastest > 0.0) & (least > 0.0)
+    return float(np.min(least[moving] / fastest[moving], initial=1.0))
+
+
+def _peak_speeds(trajectory: Trajectory) -> Array:
+    """(k,) rad/s or m/s, among samples every 10 ms."""
+    t = np.linspace(0.0, trajectory.duration, 2 + int(100.0 * trajectory.duration))
+    return np.asarray(np.abs(trajectory.motion(t, 2).orders[1]).max(axis=0))
+
+
 def _no_approach(
     campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
 ) -> UnsafeTrajectoryError:
     """Error without an approach: the pose itself is not proved, or no path from it is."""
     stands = certify(_rest_at(pose), motion.constraints.limits(campaign)).ok
-    fact = f"no approach to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    fact = (
+        f"no certified approach to motion {motion.number}"
+        if stands
+        else "the position of the robot is the problem"
+    )
     named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
     return UnsafeTrajectoryError(
         f"{fact}: {problem.fact}",
         where=problem.where,
-        next_step="Bring the robot home by its own controller. A simulated one starts there by a line in "
-        f"[driver] of run.toml: start = {{ {named} }}",
+        next_step="Move the robot home with its own controller. A simulated robot starts there with a "
+        f"line in [driver] of run.toml: start = {{ {named} }}",
     )
 
 
@@ -285,5 +317,5 @@ def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:
         raise UnsafeTrajectoryError(
             f"the robot refuses {motion.part} {motion.number}: {' '.join(refusals).rstrip('.')}",
             where=motion.part,
-            next_step="Write what the robot enforces into robot.toml, and ask for another motion.",
+            next_step="Write the limits that the robot enforces into robot.toml, and write another motion.",
         )
