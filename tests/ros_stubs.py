@@ -26,6 +26,8 @@ class Ros:
         self.now, self.sent, self.goal = 0, [], None
         self.state: dict[str, float] = {}
         self.answers, self.accepted, self.code = True, True, 0
+        self.speeds: dict[str, float] = {}
+        self.cancelled = 0
         self.callbacks: dict[str, Callable[[Any], None]] = {}
         self.timers: list[Callable[[], None]] = []
         self.script: Callable[[Ros], bool] = lambda _: True
@@ -33,7 +35,9 @@ class Ros:
     def spin(self, *_: Any, **__: Any) -> None:
         self.now += 20_000_000
         if "/joint_states" in self.callbacks:
-            self.callbacks["/joint_states"](Record(name=list(self.state), position=list(self.state.values())))
+            speeds = [self.speeds.get(name, 0.0) for name in self.state] if self.speeds else []
+            state = Record(name=list(self.state), position=list(self.state.values()), velocity=speeds)
+            self.callbacks["/joint_states"](state)
         for timer in self.timers:
             timer()
 
@@ -57,8 +61,8 @@ class Node:
     def destroy_node(self) -> None: ...
 
 
-def future(result: Any) -> Any:
-    return SimpleNamespace(result=lambda: result)
+def future(result: Any, pending: Callable[[], bool] = lambda: False) -> Any:
+    return SimpleNamespace(result=lambda: result, done=lambda: not pending())
 
 
 def client_of(ros: Ros) -> type:
@@ -71,8 +75,18 @@ def client_of(ros: Ros) -> type:
 
         def send_goal_async(self, goal: Any) -> Any:
             ros.goal = goal
-            ended = future(Record(result=Record(error_code=ros.code, error_string="tolerance")))
-            return future(Record(accepted=ros.accepted, get_result_async=lambda: ended))
+            ended = future(
+                Record(result=Record(error_code=ros.code, error_string="tolerance")),
+                lambda: not ros.script(ros),
+            )
+
+            def cancel() -> Any:
+                ros.cancelled += 1
+                return future(Record())
+
+            return future(
+                Record(accepted=ros.accepted, get_result_async=lambda: ended, cancel_goal_async=cancel)
+            )
 
     return Client
 
@@ -107,13 +121,14 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Ros:
     modules = [
         module(
             "rclpy",
-            init=lambda: None,
+            init=lambda **_: None,
             shutdown=lambda: None,
             ok=lambda: own.script(own),
             spin_once=own.spin,
             spin_until_future_complete=own.spin,
         ),
         module("rclpy.node", Node=OwnNode),
+        module("rclpy.signals", SignalHandlerOptions=SimpleNamespace(NO=0)),
         module("rclpy.action", ActionClient=client_of(own)),
         module("rclpy.qos", QoSProfile=Record, **profile),
         module("builtin_interfaces.msg", Duration=Record),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import sys
 from collections.abc import Callable
 from importlib.resources import files
@@ -66,6 +68,45 @@ def test_nothing_is_sent_elsewhere(
     assert points.main([]) == 1
     assert ros.goal is None
     assert next(iter(wrong)) in capsys.readouterr().err
+
+
+def test_nothing_is_sent_to_a_robot_that_moves(
+    ros: Ros, points: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ros.speeds = {"b": -1.5}
+    assert points.main([]) == 1
+    assert ros.goal is None
+    assert "b moves at -1.500" in capsys.readouterr().err
+
+
+def test_the_start_is_as_near_as_the_certificate_keeps(ros: Ros, points: Any, tmp_path: Path) -> None:
+    row = {"axis": "b", "quantity": "position", "tracking_margin": 0.004}
+    (tmp_path / "certificate.json").write_text(json.dumps({"rows": [row]}))
+    ros.state = {"a": 0.119, "b": -0.205}
+    assert points.main([]) == 1
+    assert points.main(["--tolerance", "0.02"]) == 0
+    ros.state = {"a": 0.119, "b": -0.203}
+    assert points.main([]) == 0
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_cancels_the_motion(
+    ros: Ros, points: Any, sign: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the controller plays on to the end."""
+
+    def interrupted(_: Ros) -> bool:
+        os.kill(os.getpid(), sign)
+        return False
+
+    ros.script = interrupted
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert points.main([]) == 130
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert ros.cancelled == 1
+    assert "cancelled" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -190,9 +231,9 @@ def test_headings_are_angles(ros: Ros, setpoints: Any, turns: int) -> None:
     [
         ({"x": 51.0}, "49.90 m from its set-point", 51.0),
         ({"z": -1.5}, "1.50 m from its set-point", 1.0),
-        ({"xy_valid": False}, "does not know its position any more", 1.0),
-        ({"z_valid": False}, "does not know its position any more", 1.0),
-        ({"y": float("nan")}, "does not know its position any more", 1.0),
+        ({"xy_valid": False}, "has lost its position", 1.0),
+        ({"z_valid": False}, "has lost its position", 1.0),
+        ({"y": float("nan")}, "has lost its position", 1.0),
     ],
     ids=["far", "fallen", "no place", "no height", "nan"],
 )
@@ -334,7 +375,7 @@ def test_a_vehicle_that_falls_silent_while_it_plays_gets_nothing_more(
     heard = flight((1.0, 2.0, -3.0), 2, 14, 14)
     ros.script = lambda own: heard(own) or True
     assert setpoints.main([]) == 1
-    assert "has not been heard for 2 s" in capsys.readouterr().err
+    assert "has arrived for 2 s" in capsys.readouterr().err
     assert len(north(ros)) < 110
 
 

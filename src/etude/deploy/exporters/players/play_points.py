@@ -1,14 +1,18 @@
-"""Sends points.csv to joint_trajectory_controller, if the robot stands where the motion begins.
+"""Sends points.csv to joint_trajectory_controller, if the robot is at rest where the motion begins.
 
     python3 play.py [--controller /joint_trajectory_controller] [--tolerance 0.02] [--states /joint_states]
 
-Needs ROS 2 with rclpy, control_msgs and sensor_msgs; no package of Etude. It ends with 1 if the robot is
-elsewhere, if the controller refuses, or if the motion was not finished.
+Ctrl-C cancels the motion: the controller then stops the robot. A joint may be as far from the start as
+certificate.json keeps for tracking, and 0.02 rad (m) at most; or --tolerance. Needs ROS 2 (Humble or newer)
+with rclpy, control_msgs and sensor_msgs; no package of Etude. It ends with 1 if the robot is elsewhere or
+moves, if the controller refuses, or if the motion was not finished; with 130 after Ctrl-C.
 """
 
 import argparse
 import csv
+import json
 import pathlib
+import signal
 import sys
 
 import rclpy
@@ -16,11 +20,14 @@ from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 NANO = 10**9  # ns in a second
 PATIENCE = 5.0  # s
+NEAR = 0.02  # rad or m from the start
+STILL = 0.05  # rad/s or m/s: encoders at rest show less
 
 
 def read(path):
@@ -45,26 +52,52 @@ def read(path):
     return names, points
 
 
+def tolerances(path, names):
+    """Distance by joint within which a motion may begin: the certificate's tracking margin, at most NEAR."""
+    try:
+        rows = json.loads(path.read_text())["rows"]
+    except (OSError, ValueError, KeyError):
+        rows = []
+    kept = {r["axis"]: r["tracking_margin"] for r in rows if r["quantity"] == "position"}
+    return {name: min(NEAR, kept.get(name) or NEAR) for name in names}
+
+
 def standing(node, topic):
-    """Positions by joint, of the first message."""
-    found = {}
-    node.create_subscription(JointState, topic, lambda m: found.update(zip(m.name, m.position)), 10)
+    """Positions and velocities by joint, of the first message; velocities where the message has them."""
+    places, speeds = {}, {}
+
+    def heard(message):
+        places.update(zip(message.name, message.position))
+        speeds.update(zip(message.name, message.velocity))
+
+    node.create_subscription(JointState, topic, heard, 10)
     end = node.get_clock().now().nanoseconds + PATIENCE * NANO
-    while not found and node.get_clock().now().nanoseconds < end:
+    while not places and node.get_clock().now().nanoseconds < end:
         rclpy.spin_once(node, timeout_sec=0.1)
-    return found
+    return places, speeds
 
 
-def elsewhere(names, start, found, tolerance):
-    """Sentences about joints that are not where the motion begins."""
-    missing = [name for name in names if name not in found]
+def not_ready(start, places, speeds, near):
+    """Sentences about joints that are not at rest where the motion begins; start: positions by joint."""
+    missing = [name for name in start if name not in places]
     if missing:
         return ["no position of " + ", ".join(missing)]
     return [
-        f"{name} stands at {found[name]:.4f}, the motion begins at {wanted:.4f}"
-        for name, wanted in zip(names, start)
-        if not abs(found[name] - wanted) <= tolerance
+        f"{name} is at {places[name]:.4f}, the motion begins at {wanted:.4f}, and {near[name]:.4f} is allowed"
+        for name, wanted in start.items()
+        if not abs(places[name] - wanted) <= near[name]
+    ] + [
+        f"{name} moves at {speeds[name]:.3f} a second"
+        for name in start
+        if not abs(speeds.get(name, 0.0)) <= STILL
     ]
+
+
+def wait(node, future):
+    """The result. The loop comes back to Python often, so that Ctrl-C is heard."""
+    while not future.done():
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return future.result()
 
 
 def play(node, controller, names, points):
@@ -77,13 +110,16 @@ def play(node, controller, names, points):
     goal.trajectory.joint_names = names
     goal.trajectory.points = points
     sent = client.send_goal_async(goal)
-    rclpy.spin_until_future_complete(node, sent)
-    if not sent.result().accepted:
-        print("the controller refused the motion", file=sys.stderr)
-        return False
-    ended = sent.result().get_result_async()
-    rclpy.spin_until_future_complete(node, ended)
-    result = ended.result().result
+    try:
+        handle = wait(node, sent)
+        if not handle.accepted:
+            print("the controller refused the motion", file=sys.stderr)
+            return False
+        result = wait(node, handle.get_result_async()).result
+    except KeyboardInterrupt:
+        wait(node, wait(node, sent).cancel_goal_async())
+        print("the motion was cancelled: the controller stops the robot", file=sys.stderr)
+        raise
     if result.error_code != FollowJointTrajectory.Result.SUCCESSFUL:
         print(f"the motion was not finished: {result.error_code} {result.error_string}", file=sys.stderr)
         return False
@@ -95,16 +131,25 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--controller", default="/joint_trajectory_controller")
     parser.add_argument("--states", default="/joint_states")
-    parser.add_argument("--tolerance", type=float, default=0.02, help="rad or m at the start")
+    parser.add_argument("--tolerance", type=float, help="rad or m at the start; else by certificate.json")
     given = parser.parse_args(arguments)
-    names, points = read(pathlib.Path(__file__).with_name("points.csv"))
-    rclpy.init()
+    beside = pathlib.Path(__file__)
+    names, points = read(beside.with_name("points.csv"))
+    near = tolerances(beside.with_name("certificate.json"), names)
+    if given.tolerance is not None:
+        near = dict.fromkeys(names, given.tolerance)
+    # rclpy's own handler would close the connection first, and the motion could not be cancelled
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     node = Node("etude_player")
     try:
-        wrong = elsewhere(names, points[0].positions, standing(node, given.states), given.tolerance)
+        start = dict(zip(names, points[0].positions))
+        wrong = not_ready(start, *standing(node, given.states), near)
         for sentence in wrong:
             print(sentence, file=sys.stderr)
         return 1 if wrong or not play(node, given.controller, names, points) else 0
+    except KeyboardInterrupt:
+        return 130
     finally:
         node.destroy_node()
         rclpy.shutdown()
