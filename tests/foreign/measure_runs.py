@@ -330,13 +330,15 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         "motions",
         "feedback, deg",
         "with model, deg",
-        "of feedback",
+        "error / feedback error",
     ]
-    head += ["of least squares", "CPU, min", "ended"]
+    head += ["error / least-squares error", "CPU, min", "exit code"]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for row in rows:
-        cells = [row["robot"], str(len(row.get("joints", ()))), f"{row.get('robot_minutes', 0):.1f}"]
-        cells.append(str(row.get("rounds", 0)))
+        cells = [row["robot"], str(len(row.get("joints", ())) or "")]
+        # a run that was stopped counts neither time nor motions: its cells are empty
+        rounds = row.get("rounds") or ""
+        cells += [f"{row['robot_minutes']:.1f}" if rounds else "", str(rounds)]
         tests = list(row.get("errors", {}))
         feedback = [mean_error(row, one, "feedback") for one in tests]
         cells.append(" / ".join(f"{x:.3f}" for x in feedback))
@@ -347,11 +349,11 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
             cells += [
                 " / ".join(f"{x:.3f}" if k == 0 else f"{x:.2f}" for x in p) for k, p in enumerate(pairs)
             ]
-            ended = "in use"
+            ended = "model promoted"
         else:
             cells += ["", "", ""]
             ended = _fact(row.get("why_not", ""))
-        cells += [f"{row.get('cpu_minutes', 0):.1f}", f"{row['exit_code']}: {ended}"]
+        cells += [f"{row.get('cpu_minutes', 0):.1f}", f"{row['exit_code']}, {ended}"]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -136,7 +136,7 @@ def contradiction(
         odd, best = sum(numbers) - odd, best.inverse()
     verb = "explains" if len(best.causes) == 1 else "explain"
     why = f"{' and '.join(best.causes)} in {sources[odd]} {verb} it"
-    fact = f"no model of one robot with one load explains them (odds e^{best.odds:.0f} to 1)"
+    fact = f"no model of one robot with one load explains them (log odds {best.odds:.0f})"
     return contradicting(sources, odd, numbers, fact, why[0].upper() + why[1:])
 
 
@@ -199,7 +199,7 @@ def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequ
         return None
     odd, gains = outlier
     joints = f"{int((gains >= LIKELY).sum())} of {len(gains)} joints"
-    fact = f"a model of its own explains the commands of {joints} better (odds e^{gains.sum():.0f} to 1)"
+    fact = f"a model of its own explains the commands of {joints} better (log odds {gains.sum():.0f})"
     return contradicting(sources, odd, range(len(logs)), fact, "No sign, order or delay explains it")
 
 
@@ -409,7 +409,7 @@ def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
     return Doubt(
         CONTRADICTS,
         "yellow",
-        f"{fact} (odds e^{change.odds:.0f} to 1).",
+        f"{fact} (log odds {change.odds:.0f}).",
         f"Record again, or tell a file with the rows before {a:.3g} s or after {b:.3g} s alone; "
         f"{accepted(CONTRADICTS)}.",
         flag=CONTRADICTS,

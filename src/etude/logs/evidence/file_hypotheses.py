@@ -78,7 +78,7 @@ def _zero_finding(zero: Zero, path: Channel) -> Finding:
     fact = (
         f"If the model file's masses are right, the position of {path.parts[zero.joint]} reads "
         f"{abs(size):.2g} +- {spread:.1g} {'degrees' if turns else 'mm'} too "
-        f"{'much' if size > 0.0 else 'little'} (odds e^{zero.odds:.0f} to 1)."
+        f"{'much' if size > 0.0 else 'little'} (log odds {zero.odds:.0f})."
     )
     if abs(zero.offset) < REPORTED_OFFSET:
         return Finding(ZERO, "green", fact)
@@ -93,7 +93,7 @@ def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Find
         REVERSED,
         "yellow",
         f"If the model file's masses are right, {names} {verb} the other way than in the file: positions and "
-        f"commands are both inverted (odds e^{odds:.0f} to 1).",
+        f"commands are both inverted (log odds {odds:.0f}).",
         "Turn the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
         f'("-1 * HEADER"); {accepted(REVERSED)}.',
         flag=REVERSED,
@@ -102,7 +102,7 @@ def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Find
 
 def _scale_finding(scale: JointScale, path: Channel, limit: Array) -> Finding:
     wrong = np.arange(len(path.parts)) == scale.joint
-    why = f", whose masses may be {100.0 * MASSES_OFF:.0f} % off (odds e^{scale.odds:.0f} to 1)"
+    why = f", whose masses may be {100.0 * MASSES_OFF:.0f} % off (log odds {scale.odds:.0f})"
     return unit_finding(path.parts, path.units, np.where(wrong, scale.factor, 1.0), wrong, limit, why)
 
 
@@ -383,7 +383,7 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     if odds[best] < CLOCK_ODDS:
         return None
     fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
-    finding = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
+    finding = clock_finding(best, f"{fact}, over all joints (log odds {odds[best]:.0f})")
     return replace(finding, light="yellow")
 
 

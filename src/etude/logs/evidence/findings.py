@@ -99,13 +99,13 @@ def _light(decision: Decision) -> Literal["red", "yellow"]:
 
 
 def _odds(decision: Decision) -> str:
-    """ "odds e^40 to 1; e^8 to 1 against the next best"."""
-    next_ = f"; {_power(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
-    return f"odds {_power(decision.odds)}{next_}"
+    """ "log odds 40; 8 against the next best"."""
+    next_ = f"; {_rounded(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
+    return f"log odds {_rounded(decision.odds)}{next_}"
 
 
-def _power(odds: float) -> str:
-    return f"e^{odds:.0f} to 1" if odds < MOST else f"above e^{MOST:.0f} to 1"
+def _rounded(odds: float) -> str:
+    return f"{odds:.0f}" if odds < MOST else f"above {MOST:.0f}"
 
 
 def _sure(decision: Decision) -> str:
@@ -119,10 +119,11 @@ def _sign_finding(decision: Decision, parts: Sequence[str], where: str) -> Findi
         fact = f"The weight that the model file gives is upside down in the commands of {names}{where}: very "
         fact += "probably their sign is inverted."
     elif decision.why == "order":
+        odds = f"log odds {_rounded(decision.odds)}"
         fact = (
-            f"The commands of {names}{where} do not fit their joints (odds {_power(decision.odds)}): their "
+            f"The commands of {names}{where} do not fit their joints ({odds}): their signs are inverted, or "
         )
-        fact += "signs are inverted, or their columns are exchanged."
+        fact += "their columns are exchanged."
     else:
         fact = f"The sign of the commands of {names} is {_sure(decision)}inverted{where} ({_odds(decision)})."
     fact += _position_note(decision, names)
