@@ -177,7 +177,7 @@ def test_folded_again_the_journal_gives_the_same_margins(lab: Campaign, tmp_path
 
 def test_an_open_proposal_is_not_for_another_control(lab: Campaign) -> None:
     ask(lab)
-    with pytest.raises(UsageError, match="margins are those of feedback alone"):
+    with pytest.raises(UsageError, match="margins are for feedback alone"):
         ask(lab, control=FILE)
     assert ask(lab, control=FEEDBACK).number == 1
     assert ask(lab, control=FILE, new=True).number == 2

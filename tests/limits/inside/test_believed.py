@@ -44,7 +44,7 @@ def test_with_what_is_believed_the_motion_that_was_run_is_kept_with_room_to_spar
     assert b.proved_lower > -8.0
     assert b.proved_upper < 8.0
     assert (a.proved_lower, a.proved_upper) == (full[0].proved_lower, full[0].proved_upper)
-    assert any("there count b" in sentence for sentence in held.not_verified)
+    assert any("is used, b" in sentence for sentence in held.not_verified)
     motion = limit.along(SWING, LOOK)
     room = BELIEVED_ROOM * (8.0 - np.abs(pendulum(motion)))
     assert np.min((room - held.spread(motion, SWING.duration, SELDOM))[:, 1]) == pytest.approx(0.0, abs=1e-12)
@@ -66,7 +66,7 @@ def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     room, spread = 8.0 - 4.0 * math.sin(0.5), limit.beyond(0.0) * 3.001
     assert held.share is not None
     np.testing.assert_allclose(held.share, [1.0, BELIEVED_ROOM * room / spread])
-    assert "there count b " in held.gaps[-1]
+    assert "is used, b " in held.gaps[-1]
     assert held_at(replace(vague(0.5), lasts=math.inf), home).share is None
     # at a pose that the mean alone excludes nothing is made of the deviation: that is another refusal
     assert held_at(replace(limit, upper=np.full(2, 1.0), lower=-np.full(2, 1.0)), home).share is None

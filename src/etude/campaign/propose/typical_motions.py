@@ -130,13 +130,13 @@ class RecordedMotion:
         return Motion(np.asarray(t), np.stack([path, *(np.where(moving, rate, 0.0) for rate in rates)]))
 
     def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:  # noqa: ARG002
-        raise UsageError("a recorded motion is not proved", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be certified", next_step="Use it as a task only.")
 
     def slowed(self, factor: float) -> Trajectory:  # noqa: ARG002
-        raise UsageError("a recorded motion has no slower copies", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be slowed down", next_step="Use it as a task only.")
 
     def to_json(self) -> str:
-        raise UsageError("a recorded motion is not stored", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be stored", next_step="Use it as a task only.")
 
 
 def load_tasks(path: Path, channel: Channel) -> tuple[Trajectory, ...]:
@@ -184,6 +184,6 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
         raise UsageError("a cell of the task table is not a number", where=str(path)) from None
     if len(rows) <= SMOOTH or not np.isfinite(rows).all() or not np.all(np.diff(rows[:, 0]) > 0):
         raise UsageError(
-            f"a task needs {SMOOTH + 1} finite rows or more, with increasing time", where=str(path)
+            f"a task needs at least {SMOOTH + 1} finite rows with increasing time", where=str(path)
         )
     return RecordedMotion(rows[:, 0], make_interp_spline(rows[:, 0], rows[:, 1:], k=SMOOTH))
