@@ -9,7 +9,17 @@ import pytest
 
 pytest.importorskip("rotorpy", reason="rotorpy is not installed: pip install 'rotorpy>=2.1'")
 
-from measure_vehicle_parameters import FRAMES, SEEDS, TARGETS, covered, flown, measured, off, up_and_down
+from measure_vehicle_parameters import (
+    FRAMES,
+    SEEDS,
+    TARGETS,
+    covered,
+    flown,
+    measured,
+    off,
+    to_and_fro,
+    up_and_down,
+)
 from rotorpy_vehicle import fly
 
 
@@ -46,6 +56,16 @@ def test_a_flight_up_and_down_tells_the_motors_lag() -> None:
         (own,) = (row for row in rows if row["parameter"] == "motor time constant")
         assert own["value"] is not None
         assert off(own) < TARGETS["motor time constant"]
+
+
+@pytest.mark.slow
+def test_flights_to_and_fro_tell_the_drag_of_the_body() -> None:
+    """Random flights of as many seconds err by up to 64 %."""
+    frame = FRAMES["quadrotor"]
+    rows = measured(frame, [own.log for own in flown(frame, SEEDS[0], 6, [to_and_fro()] * 3)])
+    drags = [row for row in rows if row["parameter"].startswith("body drag")]
+    assert all(row["value"] is not None for row in drags)
+    assert worst(drags, "body drag") < 0.2
 
 
 @pytest.mark.slow
