@@ -189,7 +189,9 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
     parts = log.channels[PATH[0]].parts
     if parts != spec.names:
         raise DataError(
-            f"the log has the joints {', '.join(parts)}, the robot {', '.join(spec.names)}", where=log.source
+            f"the log has the joints {', '.join(parts)}, the robot {', '.join(spec.names)}",
+            where=log.source,
+            next_step="Tell a log of this robot.",
         )
     if config.desired and PLAN[0] not in log:
         raise DataError(
