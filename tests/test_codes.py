@@ -58,7 +58,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),
-            "Inputs left out of the model, since some logs lack them: a and b",
+            "Inputs excluded from the model, because some logs lack them: a and b",
         ),
     ],
 )

@@ -68,7 +68,7 @@ def test_two_of_one_name_are_refused_with_both_distributions(installed) -> None:
         plugins.load("etude.kernels", "matern")
     with pytest.raises(UsageError, match=r"of etude and rov 1\.2"):
         plugins.load("etude.kernels", "ard_se")
-    assert {p.source for p in plugins.listed() if "stands twice" in p.problem} == {
+    assert {p.source for p in plugins.listed() if "used twice" in p.problem} == {
         "etude",
         "rov 1.2",
         "kelp 1.2",
@@ -80,7 +80,7 @@ def test_two_packages_of_one_kind_are_named_and_harm_no_other(installed, tmp_pat
     installed("kelp", "[etude.robots]\nvessel = kelp_module:KIND\n", VESSEL)
     assert find_robot("arm4")[0].name == "arm"
     (tmp_path / "mine.toml").write_text('kind = "vessel"\nname = "mine"\n')
-    with pytest.raises(UsageError, match="no kind of robot that is known") as refused:
+    with pytest.raises(UsageError, match="no known kind of robot") as refused:
         find_robot(str(tmp_path / "mine.toml"))
     assert (
         "two plug-ins are named 'vessel' (kind of robot): of kelp 1.2 and rov 1.2" in refused.value.next_step
@@ -173,7 +173,7 @@ def test_a_reader_that_is_named_by_its_class(installed, tmp_path) -> None:  # ty
     assert row.problem == "barlog is a class; name an instance: barlog = ReadBarlog()"
     path = tmp_path / "run.barlog"
     path.write_text("1 2 3")
-    start = r"there is no reader for '\.barlog' files; the reader barlog cannot be asked: "
+    start = r"there is no reader for '\.barlog' files; the reader barlog cannot be loaded: "
     with pytest.raises(DataError, match=start + said) as caught:
         importlib.import_module("etude.logs.readers.registry").read_raw(path)
     assert "ulog" in caught.value.next_step

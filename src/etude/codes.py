@@ -130,12 +130,12 @@ Code = Alert | Warn | OfFile | Refusal | Stop | Phrase
 ERRED = "{command}: the held-out error of the process is {ratio:.3g} times that of linear regression"
 
 SENTENCES: Mapping[Code | NextStep, str] = {
-    Alert.MOTION_OPEN: "the {part} of proposal {number} was sent at {time}, and nothing says how it ended: "
-    "the robot may have moved",
+    Alert.MOTION_OPEN: "the {part} of proposal {number} was sent at {time}, and its end was not "
+    "recorded: the robot may have moved",
     Alert.LOG_FINDING: "log {log}: {found}",
     Alert.NARROW_INTERVALS: "the model's intervals are too narrow: {where}, its 95 % intervals held "
     "{coverage}",
-    Alert.NEVER_MOVED: "{outputs}: hardly moved in any log, so its model is not usable",
+    Alert.NEVER_MOVED: "{outputs}: almost no motion in any log, so its model is not usable",
     Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
     Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression has a smaller error than {structure}",
     Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
@@ -144,37 +144,37 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.TOO_LITTLE_MOTION: "{commands}: too little motion in {seconds:.0f} s of logs, so the model is "
     "uncertain everywhere",
     Warn.ONE_TRAJECTORY: ERRED + ", but one trajectory is too little to select that instead",
-    Warn.SLOW_MOTION: "{axes}: the logs reach at most {part:.0f %} of the speed of motions that the limits "
-    "allow, so the error of faster motion is not measured",
+    Warn.SLOW_MOTION: "{axes}: the logs reach at most {part:.0f %} of the speed of motions that the "
+    "limits allow, so the error on faster motion is unknown",
     Warn.LINEAR_ALONE: ERRED + ", so linear regression alone predicts this command",
     Warn.LINEAR_BELOW: ERRED + ", so the process now learns the residual of linear regression",
     Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
-    Warn.INPUTS_MISSING: "Inputs left out of the model, since some logs lack them: {inputs: and }",
+    Warn.INPUTS_MISSING: "Inputs excluded from the model, because some logs lack them: {inputs: and }",
     Warn.NO_BLOCKS: "No blocks of log {log} were held out, because it cannot be learned alone: {why}",
-    Warn.SOME_TEACH: "The model is trained on {some} of {all} logs: the newest, and others spread evenly. "
-    "This bounds the training time",
-    Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
+    Warn.SOME_TEACH: "The model is trained on {some} of {all} logs: the newest and an even selection of "
+    "the others. This bounds the training time",
+    Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the real robot: the model learns "
     "from two robots",
-    Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: whether "
-    "the drives can give that",
-    Warn.HARDLY_MOVES: "Almost no motion is left: no joint moves through more than {part:.2g %} of its "
-    "range. At home the distance of {pair} is {apart_mm:.2g} mm, too small for tracking errors and motion. "
-    "Describe the shapes of these links more closely, or set another home in [search]",
+    Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: "
+    "whether the drives can deliver that",
+    Warn.HARDLY_MOVES: "Almost no motion is possible: no joint moves through more than {part:.2g %} of "
+    "its range. At home the distance of {pair} is {apart_mm:.2g} mm, too small for tracking errors "
+    "and motion. Describe the shapes of these links more closely, or set another home in [search]",
     Warn.TEACHES_LITTLE: "A model learns almost nothing from this motion: no joint sweeps more than "
     "{part:.0f %} of its range",
     Warn.TEACHES_LITTLE_HELD: "A model learns almost nothing from this motion: no joint sweeps more than "
     "{part:.0f %} of its range. Blocked by: {held}",
     Warn.STATED: "{sentence}",
     OfFile.MISSING: "{file} is missing",
-    OfFile.CHANGED: "{file} was changed after it was committed",
+    OfFile.CHANGED: "{file} was changed after Étude stored it",
     OfFile.UNREADABLE: "{file} cannot be read ({why})",
     OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
-    OfFile.PROVED_BEFORE: "{file} was proved before {changed: and } changed",
+    OfFile.PROVED_BEFORE: "{file} was certified before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
-    Refusal.NOT_DECIDED: "not decided against {against}: {segments:|segment|segments} that neither model was "
-    "trained on, {needed} are needed",
+    Refusal.NOT_DECIDED: "no decision against {against}: {segments:|segment|segments} that neither model was "
+    "trained on, but {needed} are needed",
     Refusal.NOT_YET_BETTER: "not yet better than {against}: errors {ratio:.3g} times as large (95 %: "
-    "{lower:.3g} to {upper:.3g}, {segments:|segment|segments}), which more logs decide",
+    "{lower:.3g} to {upper:.3g}, {segments:|segment|segments}), but more logs can decide",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
     "{upper:.3g}, {segments:|segment|segments})",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
@@ -183,8 +183,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Stop.BUDGET_LOGS: "The budget of {logs:|log|logs} is used up",
     Stop.BUDGET_TIME: "The budget of {minutes:g} min of motion is used up",
     Stop.TOLERANCE: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}",
-    Stop.NOISE: "The variance left is below {fraction:g} of the noise variance on every axis",
-    Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the variance left per "
+    Stop.NOISE: "The remaining variance is below {fraction:g} of the noise variance on every axis",
+    Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the remaining variance per "
     "minute of robot time",
     Stop.DOUBTED: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}, "
     "but {doubt}",
@@ -199,34 +199,34 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.STRUCTURE_THEN: "{structure}, selected then",
     Phrase.LARGE_ERRORS: "squared held-out errors are {factor:.1f} times the predicted variance, so this is "
     "not reliable",
-    Phrase.SLOW_LOGS: "the logs hold slow motion alone",
-    Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
-    "settled",
+    Phrase.SLOW_LOGS: "the logs contain slow motion only",
+    Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model has "
+    "not converged",
     Phrase.OPEN_FORECAST: "expected command error {forecast:.2g %} of the command limit (goal {goal:g %})",
-    Phrase.OPEN_GAIN: "{rate:.2g %} of the variance left per minute (threshold {threshold:g %})",
+    Phrase.OPEN_GAIN: "{rate:.2g %} of the remaining variance per minute (threshold {threshold:g %})",
     Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
-    Phrase.NO_RULE: "no rule but the budget is switched on",
-    NextStep.LOOK_AND_RESUME: "Look where the robot stands, unless it still runs; then: etude run "
-    "{folder:typed} --on {driver:typed} --resume. Nothing is replayed.",
+    Phrase.NO_RULE: "only the budget rule is active",
+    NextStep.LOOK_AND_RESUME: "If the robot is at rest, look where it is; then: etude run {folder:typed} "
+    "--on {driver:typed} --resume. No motion is repeated.",
     NextStep.OF_CHECK: "{step}",
-    NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log of a motion like those that "
-    "the model is for.",
-    NextStep.MOVE_OUTPUT: "Do not use this output yet: run the motion that etude ask writes, which moves it, "
-    "and tell that log.",
+    NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: ingest another log of a motion like those "
+    "that the model is for.",
+    NextStep.MOVE_OUTPUT: "Do not use this output yet: run the motion that etude ask writes, which moves "
+    "it, and ingest that log.",
     NextStep.MOVE_JOINTS: "Do not use these outputs yet: move these joints more, and check the log.",
-    NextStep.TELL_OR_LINEAR: 'Tell another log; if the alert stays, set rung = "linear" in campaign.toml.',
-    NextStep.TELL_TO_CHOOSE: "Tell another log: the structure with the least error "
-    "on it is chosen for each output.",
-    NextStep.ASK_LIKE_IT: "Do not use the model on such motions; ask for more, with tasks "
-    "like them (--tasks).",
+    NextStep.TELL_OR_LINEAR: 'Ingest another log; if the alert remains, set rung = "linear" in '
+    "campaign.toml.",
+    NextStep.TELL_TO_CHOOSE: "Ingest another log: it decides which structure is chosen for each output.",
+    NextStep.ASK_LIKE_IT: "Do not use the model on such motions; record more motions with tasks like "
+    "them (etude ask --tasks).",
     NextStep.SEE_REPAIRS: "Check that log's repairs; if the log is wrong, exclude it with etude untell.",
-    NextStep.ASK_AGAIN: "Prove it again before you run it: etude ask {folder:typed}{options}",
+    NextStep.ASK_AGAIN: "Certify it again before you run it: etude ask {folder:typed}{options}",
     NextStep.GIVE_UP: "Do not run it; abandon it: etude abandon {folder:typed} {number}",
-    NextStep.TAKE_UP: "The next ask or tell reads the edited file; ask also proves an open motion again: "
-    "etude ask {folder:typed}",
-    NextStep.TELL_ANOTHER: "Tell another one.",
-    NextStep.TELL_MOVING: "Tell another log that moves it.",
-    NextStep.TELL_FASTER: "Tell a log of faster motion.",
+    NextStep.TAKE_UP: "The next ask or tell reads the edited file; ask also certifies an open motion "
+    "again: etude ask {folder:typed}",
+    NextStep.TELL_ANOTHER: "Ingest another one.",
+    NextStep.TELL_MOVING: "Ingest another log that moves it.",
+    NextStep.TELL_FASTER: "Ingest a log of faster motion.",
     NextStep.UNTELL_SIMULATED: "Exclude the simulated ones: etude untell {folder:typed} {newest}",
 }
 """By code: no capital and no full stop where it may stand within a sentence."""

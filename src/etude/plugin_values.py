@@ -24,7 +24,7 @@ from etude._runtime.trusted_folders import OWN
 from etude.errors import UsageError
 from etude.protocols import members
 
-NEXT = "Correct the plug-in: etude.{}.{} says what it owes. No stored data was lost."
+NEXT = "Correct the plug-in: etude.{}.{} declares the interface. No stored data was lost."
 WORDS = {"Kind": "kind of robot", "Reader": "reader", "Exporter": "exporter", "Limit": "limit"}
 KEYS, NOT_EMPTY = "keys ", "not empty"
 TEXT = 40

@@ -291,13 +291,13 @@ def of_group(group: str, name: str, value: Any) -> Any:
         raise UsageError(
             f"{name} is a class; name an instance: {name.split(':')[-1]} = {value.__name__}()",
             where=f"{group}, {value.__module__}",
-            next_step="Write that line into its module, and name what it makes.",
+            next_step="Write that line into its module, and name that object.",
         )
     if fault:
         raise UsageError(
             f"{name} is not {shape.words}: {fault}",
             where=f"{group}; it is of type {type(value).__name__}",
-            next_step="docs/plugins.md says what a plug-in of this group is; etude plugins lists them.",
+            next_step="docs/plugins.md describes the plug-ins of this group; etude plugins lists them.",
         )
     require_whole(value, shape.part, f"{group} {name}")
     return _guarded(value, shape.part, name) if shape.part else value
@@ -326,9 +326,10 @@ def required(value: Any, protocol: type, where: str) -> Any:
     """The object itself. UsageError: it lacks members of a protocol. where: its place."""
     if value is None:
         raise UsageError(
-            f"it returned nothing, where a {protocol.__name__} is wanted",
+            f"it returned nothing instead of a {protocol.__name__}",
             where=where,
-            next_step=f"Return what etude.protocols.{protocol.__name__} declares: is a return missing?",
+            next_step=f"Return what etude.protocols.{protocol.__name__} declares; perhaps a return is "
+            "missing.",
         )
     from etude.protocols import members  # few commands need the protocols
 
@@ -337,7 +338,7 @@ def required(value: Any, protocol: type, where: str) -> Any:
         raise UsageError(
             f"{type(value).__name__} lacks {', '.join(missing)} of the protocol {protocol.__name__}",
             where=where,
-            next_step=f"Give it what etude.protocols.{protocol.__name__} declares.",
+            next_step=f"Add what etude.protocols.{protocol.__name__} declares.",
         )
     require_whole(value, protocol.__name__, where)
     return value
@@ -356,7 +357,8 @@ def require_whole(value: Any, part: str, where: str) -> None:
             raise UsageError(
                 f"{type(value).__name__} has {', '.join(has)} and lacks {', '.join(missing)}",
                 where=where,
-                next_step=f"Give it all that etude.abilities.{ability.__name__} declares, or nothing of it.",
+                next_step=f"Add all members that etude.abilities.{ability.__name__} declares, or none of "
+                "them.",
             )
 
 
@@ -372,7 +374,7 @@ def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
 def _with_problem(plugin: Plugin, tried: bool) -> Plugin:
     twins = [p for p in _plugins_of(plugin.group) if p.name == plugin.name]
     if len(twins) > 1:
-        return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
+        return replace(plugin, problem=f"the name is used twice: by {_sources(twins)}")
     if tried and not plugin.target.startswith("etude."):
         try:
             of_group(plugin.group, plugin.name, _imported(plugin))
@@ -463,7 +465,7 @@ def _import_advice(plugin: Plugin, module: str, error: BaseException) -> str:
         folder = f"the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."
         hint = did_you_mean(error.name, names(plugin.group))
         return f"{hint}If not, name {folder}" if hint else f"Install it, or name {folder}"
-    return "Install what it needs, or repair it; etude plugins lists all of them."
+    return "Install its requirements, or repair it; etude plugins lists all plug-ins."
 
 
 def _sources(matches: Sequence[Plugin]) -> str:

@@ -76,7 +76,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
     folder = Path(folder)
     if folder.is_symlink() or (folder.exists() and not _may_replace(folder, mark)):
         raise UsageError(
-            "there is something else of that name, which is not replaced",
+            "another file or folder has that name and is not replaced",
             where=str(folder),
             next_step="Name another folder.",
         )
@@ -129,7 +129,7 @@ def arrays_of(data: bytes) -> dict[str, Any]:
 
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if sum(part.file_size for part in archive.infolist()) > LARGEST_ARRAYS:
-            raise ValueError("its arrays unpack to more than 1 GB")
+            raise ValueError("its arrays exceed 1 GB when unpacked")
     # from memory: NumPy leaves a damaged file open
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         return dict(file)
@@ -216,7 +216,8 @@ def writer_lock(folder: Path, wait_s: float = 10.0) -> Iterator[None]:
                     raise UsageError(
                         "another process is writing to this campaign",
                         where=str(folder),
-                        next_step=f"Waited {wait_s:g} s; let it finish, then run the command again.",
+                        next_step=f"Waited {wait_s:g} s. Let that process finish, then run the command "
+                        "again.",
                     ) from None
                 time.sleep(0.05)
         remove_leftovers(folder)
@@ -283,5 +284,6 @@ def _refused(path: Path, error: OSError) -> EtudeError:
     return EtudeError(
         f"could not write: {error.strerror or error}",
         where=str(path),
-        next_step="No stored data was lost; make room or fix the permissions, and run the command again.",
+        next_step="No stored data was lost; free some space or fix the permissions, and run the command "
+        "again.",
     )

@@ -21,7 +21,7 @@ CORRECT = "Correct that place, or restore the file from a copy."
 types_of: Callable[[Any], dict[str, Any]] = functools.lru_cache(typing.get_type_hints)
 """Types of a dataclass's fields, by name: annotations are text, which takes long to read."""
 CHANGE = "Change that value in the file."
-STATE_ALL = "Nothing is guessed: state each of them."
+STATE_ALL = "State each of them, because nothing is guessed."
 
 
 def decoded(text: str, where: str) -> dict[str, Any]:

@@ -199,7 +199,7 @@ class AdaptiveController:
     def __post_init__(self) -> None:
         if self.weights.shape != self.regressor.zero.shape or not np.isfinite(self.weights).all():
             raise UsageError(
-                f"weights of shape {self.weights.shape} cannot be started from",
+                f"weights of shape {self.weights.shape} cannot be used as a start",
                 where=self.spec.name,
                 next_step=f"Give finite ones of shape {self.regressor.zero.shape}.",
             )

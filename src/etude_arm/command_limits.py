@@ -23,15 +23,15 @@ ASSUMED = (
     f"{VISCOUS:.0%} of each limit and {MASSES_OFF:.0%} of each link's mass are assumed as deviations. Rotors "
     "are not in them."
 )
-OPEN = f"Torques: no log has measured friction, nor by how much the file's masses are wrong. {ASSUMED}"
-UNSURE = f"Torques: logs show too little to be sure of rest at home, so the file's masses count. {ASSUMED}"
-OF_FILE = "Torques: Coulomb and viscous friction are the model file's."
-NO_MOTION = "No motion is possible by the numbers of the model file"
+OPEN = f"Torques: no log has shown friction yet, or the error of the file's masses. {ASSUMED}"
+UNSURE = f"Torques: logs do not determine rest at home well enough, so the file's masses are used. {ASSUMED}"
+OF_FILE = "Torques: Coulomb and viscous friction are those of the model file."
+NO_MOTION = "No motion is possible with the numbers of the model file"
 """Beginning of a sentence that refuses every motion while the robot's `confirm` contains it."""
 MEND = (
-    "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and take the "
-    "line about them out of confirm there; that alone, if the limits are not real (a placeholder, a weight "
-    "that springs carry): forces are then not verified."
+    "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and remove "
+    "the line about them from confirm there. If the limits are not real (placeholders, weight carried by "
+    "springs), only remove the line: forces are then not verified."
 )
 _cached_limits: dict[str, CommandLimit | OpenCommands] = {}
 

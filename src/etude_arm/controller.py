@@ -58,7 +58,8 @@ class ModelController:
         """The commands (T, J) within the limits. NumericalError: they or their variances are not finite."""
         if mean.shape[1] != self.spec.dof:
             raise UsageError(
-                f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",
+                f"the model has {mean.shape[1]} commands, but the robot {self.spec.name} has "
+                f"{self.spec.dof} joints",
                 next_step="Use the model that was trained for this robot.",
             )
         bad = ~np.logical_and.reduce(np.isfinite(mean) & np.isfinite(variance), axis=0)
@@ -67,7 +68,7 @@ class ModelController:
             raise NumericalError(
                 "the model's prediction is not finite",
                 where=joints,
-                next_step="Train it again; do not run this feedforward.",
+                next_step="Do not run this feedforward. Train the model again.",
             )
         return np.clip(mean, -self.spec.command, self.spec.command)
 

@@ -51,7 +51,7 @@ def read(
     if path.suffix.lower() == ".toml":
         if joints or held or limits or joint_limits:
             raise UsageError(
-                "a robot file says itself which joints move, how far and fast, and where others are held",
+                "a robot file already states the moving joints, their limits, and the fixed joints",
                 where=str(path),
                 next_step="Change its [[axis]] and [held] tables, or give the URDF or MJCF to --robot.",
             )
@@ -132,14 +132,14 @@ def _weak_joints(spec: ArmSpec, limit: Array, weight: Weight) -> str:
     ever = _joints(spec, weight.most, limit, f" (at [{pose}])")
     if np.all(weight.home <= limit):
         return (
-            "By the masses of the model file the arm cannot be held in all of its range: at worst "
-            f"{ever}. Motions stay where it can: correct command of [[axis]] in robot.toml if a limit is "
-            "wrong."
+            "With the masses of the model file, the drives cannot hold the arm in all of its range: at "
+            f"worst {ever}. Motions stay where they can: correct command of [[axis]] in robot.toml if a "
+            "limit is wrong."
         )
     return (
         f"{NO_MOTION}: at rest at home {_joints(spec, weight.home, limit)}; at worst {ever}. Correct "
-        "command (or torque) of [[axis]] in robot.toml and take this line out; that alone, if the limits are "
-        "not real (a placeholder, a weight that springs carry): forces are then not verified."
+        "command (or torque) of [[axis]] in robot.toml and remove this line. If the limits are not real "
+        "(placeholders, weight carried by springs), only remove the line: forces are then not verified."
     )
 
 
@@ -156,9 +156,9 @@ def _joints(spec: ArmSpec, demand: Array, limit: Array, of_first: str = "") -> s
 
 def _loose_limits(factor: float) -> str:
     return (
-        f"The command limits are at least {factor:.3g} times what the arm asks for at its limits of speed "
-        "and acceleration: placeholders, or in another unit? They hold back no motion, and scales of "
-        "friction and noise follow them: correct command of [[axis]] in robot.toml."
+        f"The command limits are at least {factor:.3g} times the need of the arm at its limits of speed "
+        "and acceleration: perhaps placeholders, or another unit. They restrict no motion, and the "
+        "scales of friction and noise depend on them: correct command of [[axis]] in robot.toml."
     )
 
 
@@ -166,8 +166,9 @@ def _equal_limits(spec: ArmSpec, factors: Array) -> list[str]:
     """One number for joints of all sizes, far above the demand of most."""
     same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST_JOINTS) > STRONG
     return [
-        f"All joints state the same command limit, {limit:.4g}, of which most ask for less than a tenth at "
-        "their limits of speed and acceleration: a placeholder? Correct command of [[axis]] in robot.toml."
+        f"All joints state the same command limit, {limit:.4g}, but most need less than a tenth of it at "
+        "their limits of speed and acceleration: perhaps a placeholder. Correct command of [[axis]] in "
+        "robot.toml."
         for limit in spec.command[:1]
         if same
     ]
@@ -186,8 +187,8 @@ def _outlying_limits(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
     if not parts:
         return []
     return [
-        f"Command limits lie apart from those of the other joints: {'; '.join(parts)}. In another unit? "
-        "Correct command of [[axis]] in robot.toml."
+        f"Command limits differ much from those of the other joints: {'; '.join(parts)}. Perhaps in "
+        "another unit: correct command of [[axis]] in robot.toml."
     ]
 
 
@@ -199,8 +200,8 @@ def _slide_limits(spec: ArmSpec, factors: Array) -> list[str]:
         return []
     parts = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
     return [
-        "Command limits of slides are far beyond what these are asked for at their limits of speed and "
-        f"acceleration: {'; '.join(parts)}. In another unit? Correct command of [[axis]] in robot.toml."
+        "Command limits of slides are far above their need at their limits of speed and acceleration: "
+        f"{'; '.join(parts)}. Perhaps in another unit: correct command of [[axis]] in robot.toml."
     ]
 
 
@@ -325,7 +326,7 @@ def _floor(path: Path, height: float) -> Floor:
 
     if path.suffix.lower() == ".toml":
         raise UsageError(
-            "a robot file says itself where the floor is",
+            "a robot file already states the floor",
             where=str(path),
             next_step="Write [floor] in it, or in the campaign's robot.toml.",
         )

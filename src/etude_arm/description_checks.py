@@ -49,7 +49,7 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
     for motor in spec.motors:
         if motor.name not in spec.names:
             raise UsageError(
-                f"[[motor]] '{motor.name}' is no joint of the robot",
+                f"[[motor]] '{motor.name}' is not a joint of the robot",
                 where=where,
                 next_step=f"Its joints are {', '.join(spec.names)}.",
             )
@@ -73,7 +73,7 @@ def _check_gains(spec: ArmSpec, where: str) -> None:
         raise UsageError(
             f"kp = {list(kp)} must be a number above zero for each of {spec.dof} joints",
             where=f"{where} [gains]",
-            next_step=f"In {spec.command_unit} per rad (m), or take [gains] out: a margin is then assumed.",
+            next_step=f"In {spec.command_unit} per rad (m), or remove [gains]: a margin is then assumed.",
         )
 
 

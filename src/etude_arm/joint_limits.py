@@ -95,7 +95,7 @@ def _levels(path: Path) -> dict[str, Any]:
         value = match[5].strip() if match and match[5] else ""
         if match is None or value[:1] in ("{", "[", "&", "*", "|", ">"):
             raise UsageError(
-                f"line {count} is not `name: value` with blanks before it: {text.strip()!r}",
+                f"line {count} is not `name: value` with leading spaces: {text.strip()!r}",
                 where=str(path),
                 next_step="Write one limit on each line, as MoveIt's Setup Assistant does.",
             )
@@ -140,7 +140,7 @@ def _number(text: Any, what: str, path: Path) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or tag.strip() not in ("", DEGREES, "!radians"):
-        raise UsageError(f"{what} is no number: {text}", where=str(path), next_step="Correct the file.")
+        raise UsageError(f"{what} is not a number: {text}", where=str(path), next_step="Correct the file.")
     return math.radians(value) if tag.strip() == DEGREES else value
 
 
@@ -199,7 +199,7 @@ def _require_alike(value: float, model: float | None, joint: str, kind: Moving, 
     if model is not None and model > 0.0 and value > UNLIKELY_TIMES * model:
         units = "mm/s, not m/s" if kind.slides else "degrees/s, not rad/s"
         raise UsageError(
-            f"max_velocity {value:g} of joint '{joint}' looks like {units}: the model file says {model:g}",
+            f"max_velocity {value:g} of joint '{joint}' looks like {units}: the model file states {model:g}",
             where=str(path),
             next_step="Correct one of the two files.",
         )
@@ -211,8 +211,7 @@ def _require_possible(
     """Raises UsageError for an empty range, or an acceleration beyond any drive."""
     if limits.get("lower", -math.inf) >= limits.get("upper", math.inf):
         raise UsageError(
-            f"positions {limits['lower']:g}..{limits['upper']:g} leave nothing of the range of joint "
-            f"'{joint}'",
+            f"positions {limits['lower']:g}..{limits['upper']:g} do not overlap the range of joint '{joint}'",
             where=str(path),
             next_step="Correct min_position and max_position.",
         )
@@ -230,13 +229,13 @@ def _require_possible(
 def _sentences(moveit: Read, looser: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
     lines = []
     if looser:
-        lines.append(f"The model file's limits count where {FILE} is looser: {', '.join(looser)}.")
+        lines.append(f"The model file's limits are used where {FILE} is looser: {', '.join(looser)}.")
     if missing:
-        lines.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits count.")
+        lines.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits are used.")
     for name, value in moveit.scaling.items():
         lines.append(
-            f"{name} {value:g} of {FILE} does not lower limits here: it is what MoveIt's planner uses unless "
-            "asked otherwise."
+            f"{name} {value:g} of {FILE} does not lower limits here, because it is only the default of "
+            "MoveIt's planner."
         )
     return tuple(lines)
 

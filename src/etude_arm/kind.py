@@ -44,23 +44,24 @@ MODEL_FILES = (".urdf", ".xml", ".mjcf", ".xacro")
 COMMENTS: dict[str, dict[str, str]] = {
     "trajectory": {
         "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
-        "duration": "s of each recording, links between its segments apart",
-        "omega0": 'rad/s: a number, a range [low, high], or "none": segments of a period that suits it',
-        "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
-        "ramp": 's of each phase ramp, for rest = "ramp"',
+        "duration": "duration of each recording in s, without the links between its segments",
+        "omega0": 'rad/s: a number, a range [low, high], or "none": segments with a suitable period',
+        "rest": 'method of starting and ending at rest: "nullspace" or "ramp"',
+        "ramp": 'duration of each phase ramp in s, for rest = "ramp"',
     },
     "data": {
-        "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
+        "inputs": '"measured" positions, differentiated; or the "desired" motion, as in the thesis',
         "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
         "rate_hz": "samples kept per second of log",
-        "least_samples": "of a short log more are kept per second, until there are this many",
-        "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
-        "reversal": "periods of the cutoff around a fast reversal that teach nothing; 0: all teach",
-        "plenty": "samples a joint has to have left for that",
-        "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
-        "friction_fraction": "width of the friction input, fraction of the velocity limit; 0 for none",
-        "presliding": "rad over which friction turns round (m: a tenth): it is remembered; 0: it is not",
-        "offset": 'where thinning begins: "spread", elsewhere in each log, or at the "first" sample',
+        "least_samples": "short logs keep more per second, up to this number",
+        "stick_fraction": "a joint slower than this fraction of its top speed is treated as at rest; 0: "
+        "no mask",
+        "reversal": "periods of the cutoff around a fast reversal that are not used; 0: all are used",
+        "plenty": "samples that a joint must keep for that",
+        "trim_s": 'time cut from both ends of a log in s; "auto" is one period of the cutoff',
+        "friction_fraction": "width of the friction input as a fraction of the velocity limit; 0: none",
+        "presliding": "presliding distance of the friction memory in rad (in m: a tenth); 0: no memory",
+        "offset": 'start of thinning: "spread" (different in each log) or the "first" sample',
     },
 }
 

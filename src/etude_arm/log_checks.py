@@ -131,10 +131,11 @@ def _as_finding(estimate: Array, gravity: Array, base: Array) -> Finding:
     return Finding(
         MOUNTING,
         "red",
-        f"The commands fit gravity of ({fits}) m/s^2 in the model file's world, {angle:.0f} degrees off its "
-        f"({file}): the base is mounted otherwise than the robot file says.",
-        f"Write rotation = [{roll:.4g}, {pitch:.4g}, 0.0] into [mounting] of robot.toml (roll, pitch, yaw in "
-        f"rad; the yaw tells no weight), or check the base, then tell the log; {accepted(MOUNTING)}.{sign}",
+        f"The commands fit gravity of ({fits}) m/s^2 in the model file's world, {angle:.0f} degrees off "
+        f"its ({file}): the base is mounted differently from the robot file.",
+        f"Write rotation = [{roll:.4g}, {pitch:.4g}, 0.0] into [mounting] of robot.toml (roll, pitch, yaw "
+        "in rad; the yaw has no effect on gravity), or check the base, then ingest the log; "
+        f"{accepted(MOUNTING)}.{sign}",
         flag=MOUNTING,
     )
 
@@ -178,8 +179,8 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
 
 def _rate(spec: ArmSpec, log: Log) -> OfRecorder:
     rate = median_rate(log.t)
-    sentence = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
+    sentence = f"The log has {rate:.4g} rows a second, but the robot file states {spec.rate:.4g}."
     if 1.0 / ALIKE < rate / spec.rate < ALIKE:
         return OfRecorder(ROBOT_RATE, "green", sentence)
-    step = "If rows were thinned or the robot file is wrong, all is well; else the clock of the log is off."
+    step = "If rows were thinned or the robot file is wrong, the log is right; else its clock is wrong."
     return OfRecorder(ROBOT_RATE, "yellow", sentence, step)

@@ -141,9 +141,9 @@ def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tup
         return hard
     if not max(hard[0], lower) < min(hard[1], upper) and hard[0] < hard[1]:
         raise UsageError(
-            f"the soft limits {lower:g}..{upper:g} leave nothing of the range {hard[0]:g}..{hard[1]:g}",
+            f"the soft limits {lower:g}..{upper:g} do not overlap the range {hard[0]:g}..{hard[1]:g}",
             where=place,
-            next_step="Correct <safety_controller>, or take it out.",
+            next_step="Correct or remove <safety_controller>.",
         )
     return max(hard[0], lower), min(hard[1], upper)
 
@@ -242,7 +242,7 @@ def _require_within(overrides: Mapping[str, Mapping[str, float]], stated: Limits
                 f"the range {limits.get('lower', low):g}..{limits.get('upper', high):g} of joint {joint} is "
                 f"not within the file's own, {low:g}..{high:g}",
                 where=str(path),
-                next_step="Give one within it, or correct the file.",
+                next_step="State one inside it, or correct the file.",
             )
 
 
@@ -323,8 +323,8 @@ def _require_all(limits: Limits, path: Path) -> None:
         raise UsageError(
             f"limits are missing: {'; '.join(missing)}",
             where=str(path),
-            next_step="No limit is guessed: take them from the data sheet, for each joint (wrist=...) or for "
-            f"all ('*=...'), in the manner of {' '.join(shown)}, or write the robot file by hand.",
+            next_step="No limit is guessed: take them from the data sheet, for each joint (wrist=...) or "
+            f"for all ('*=...'), as in {' '.join(shown)}, or write the robot file by hand.",
         )
 
 

@@ -31,7 +31,8 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
     if old is not None:
         if old.link:
             raise UsageError(
-                f"the payload is at link '{old.link}', and the load was found at the last axis's",
+                f"the payload is at link '{old.link}', but the estimated load is at the link of the last "
+                "axis",
                 where="[payload]",
                 next_step="Correct mass and centre by hand.",
             )
@@ -42,7 +43,7 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
         return remainder
     if total <= 0.0:
         raise UsageError(
-            f"{-mass:.3g} kg were put down, and the robot file knows of {total - mass:.3g} kg",
+            f"{-mass:.3g} kg were removed, but the robot file states only {total - mass:.3g} kg",
             where="[payload]",
             next_step="Correct mass or tool by hand.",
         )

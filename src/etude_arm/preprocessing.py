@@ -91,7 +91,7 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
         DataError: the axes differ, a log lacks the desired inputs, or nothing is left.
     """
     if not logs:
-        raise DataError("there is no log to learn from", next_step="Tell one first.")
+        raise DataError("there is no log for training", next_step="Tell one first.")
     parts = [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
     return spared(joined_samples(parts), config.plenty)
 
@@ -109,7 +109,7 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
     parts = [part for part in itertools.chain.from_iterable(stretches) if len(part)]
     if not parts:
         raise DataError(
-            f"nothing is left of this log of {log.t[-1] - log.t[0]:.3g} s after trimming",
+            f"no rows remain of this log of {log.t[-1] - log.t[0]:.3g} s after trimming",
             where=log.source,
             next_step="Record a longer motion, or lower trim_s.",
         )
@@ -189,7 +189,7 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
     parts = log.channels[PATH[0]].parts
     if parts != spec.names:
         raise DataError(
-            f"the log has the joints {', '.join(parts)}, the robot {', '.join(spec.names)}",
+            f"the log has the joints {', '.join(parts)}, but the robot has {', '.join(spec.names)}",
             where=log.source,
             next_step="Tell a log of this robot.",
         )
@@ -197,7 +197,7 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
         raise DataError(
             "the log has no desired motion, which inputs = 'desired' needs",
             where=log.source,
-            next_step="Tell it with its proposal, or use inputs = 'measured'.",
+            next_step="Ingest it with its proposal, or use inputs = 'measured'.",
         )
 
 

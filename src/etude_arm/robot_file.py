@@ -113,21 +113,21 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
     table = from_table(RobotTable, decoded(text, where), where)
     if table.kind not in KINDS:
         raise UsageError(
-            f"kind = '{table.kind}' is no robot of joints", where=where, next_step="Leave it out."
+            f"kind = '{table.kind}' is not a robot with joints", where=where, next_step="Leave it out."
         )
     model_file = None if table.model_file is None else (folder / table.model_file).resolve()
     if model_file is not None and not model_file.is_file():
         raise UsageError(
             f"model_file {model_file} does not exist",
             where=where,
-            next_step="Correct the path (relative to this file), or leave model_file out.",
+            next_step="Correct the path (relative to this file), or remove model_file.",
         )
     names = [one.name for one in fields(Surroundings)]
     try:
         tables = {name: getattr(table, name) for name in names}
         around = Surroundings(**{**tables, "collision": table.collision or Collision()})
     except UsageError as error:
-        raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
+        raise UsageError(error.fact, where=where, next_step="Give each a different name.") from None
     same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "simulate")
     values = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
     values["limits"] = read_limits(table.limit, where)
@@ -153,7 +153,7 @@ def _check_search(spec: ArmSpec, where: str) -> None:
             raise UsageError(
                 f"{name} has {len(values)} numbers, the robot has {spec.dof} joints",
                 where=f"{where} [search]",
-                next_step="Give one for each joint, or take [search] out: it will be found.",
+                next_step="State one for each joint, or remove [search], which is then computed.",
             )
     for axis, low, pose, high in zip(spec.axes, sides["lower"], search.home, sides["upper"], strict=True):
         if not (axis.lower <= low <= pose <= high <= axis.upper):
@@ -161,7 +161,7 @@ def _check_search(spec: ArmSpec, where: str) -> None:
                 f"home of joint '{axis.name}' is not inside its box, or the box not inside its limits: home "
                 f"{pose:g}, box {low:g} to {high:g}, limits {axis.lower:g} to {axis.upper:g}",
                 where=f"{where} [search]",
-                next_step="Correct it, or take [search] out: it will be found.",
+                next_step="Correct it, or remove [search], which is then computed.",
             )
 
 

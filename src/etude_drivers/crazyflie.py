@@ -123,7 +123,8 @@ class CrazyflieVehicle:
         periods = 1e3 / self.rate / TICK_MS if self.rate > 0.0 else 0.0
         if not 1.0 <= periods <= 10.0 or abs(periods - round(periods)) > 1e-3:
             raise UsageError(
-                f"a Crazyflie logs every {TICK_MS} ms or a multiple of it, so {self.rate:g} Hz is no rate",
+                f"a Crazyflie logs every {TICK_MS} ms or a multiple of it, so {self.rate:g} Hz is not "
+                "possible",
                 where="run.toml",
                 next_step="Write rate = 50 under [driver]: it may be 100, 50, 25, 20 or 10.",
             )
@@ -137,10 +138,10 @@ class CrazyflieVehicle:
         alike = self.address.startswith(("radio:", "usb:")) and (named is None or named[1].upper() == FACTORY)
         if alike and not self.serial:
             raise UsageError(
-                f"any Crazyflie may be at {self.address}, as it is sold, so that names no robot",
+                f"{self.address} is the factory address of every Crazyflie, so it identifies no robot",
                 where="run.toml",
-                next_step='Write serial = "?" under [driver], and run once with --dry-run: '
-                "it says the right one.",
+                next_step='Write serial = "?" under [driver], and run once with --dry-run, which shows '
+                "the right one.",
             )
 
     def about(self) -> About:
@@ -322,7 +323,7 @@ class CrazyflieVehicle:
         require_charge(readings["pm.batteryLevel"] / 100.0, self.battery)
         if (off := math.sqrt(max(readings[f"kalman.varP{axis}"] for axis in "XYZ"))) > UNCERTAIN:
             raise ConnectionError(
-                f"it knows its position to {off:.2g} m only: wait, or see to its positioning"
+                f"it knows its position to {off:.2g} m only: wait, or check its positioning"
             )
         require_heading(yaw_of(*(readings[f"{STATE}q{part}"] for part in "wxyz")))
 

@@ -40,7 +40,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
         importlib.import_module(f"lerobot.robots.{kind.replace('so100', 'so').replace('so101', 'so')}")
     except ImportError as problem:
         raise UsageError(
-            f"the driver lerobot needs lerobot, and what its {kind} needs ({problem})",
+            f"the driver lerobot needs lerobot and the requirements of {kind} ({problem})",
             next_step="Install it: pip install 'lerobot[feetech]>=0.4', or [dynamixel], [damiao]",
         ) from problem
     robot = make(config.get_choice_class(kind)(port=port, id=settings.get("id")))
@@ -76,7 +76,7 @@ class LeRobotArm:
         self.step = settings.get("current_step")
         if not self.torque and self.step is None:
             raise UsageError(
-                f"{robot.name} tells currents in steps, and current_step is not stated",
+                f"{robot.name} reports currents in steps, but current_step is not stated",
                 where="run.toml [driver]",
                 next_step="Write A per step from the servo's manual: current_step = 0.0065 for an STS3215.",
             )
@@ -88,9 +88,9 @@ class LeRobotArm:
         other = [n for n, mode in modes.items() if mode is not None and "degrees" not in str(mode).lower()]
         if other:
             raise UsageError(
-                f"positions of {', '.join(other)} are parts of a range, and no angles",
+                f"positions of {', '.join(other)} are fractions of a range, not angles",
                 where=self.robot.name,
-                next_step="Make the robot with use_degrees=True and calibrate it.",
+                next_step="Create the robot with use_degrees=True and calibrate it.",
             )
 
     def about(self) -> About:
@@ -147,7 +147,8 @@ class LeRobotArm:
                 name = key.removesuffix(".pos")
                 raise UsageError(
                     f"{self.robot.name} clipped {name} from {value:.3f} to {sent[key]:.3f} degrees",
-                    next_step="Make it with max_relative_target=None: Étude bounds its motions itself.",
+                    next_step="Create it with max_relative_target=None, because Étude itself limits its "
+                    "motions.",
                 )
 
     def stop(self, kill: bool = False) -> None:

@@ -257,7 +257,7 @@ class Machine:
         start = np.where((low < 0) & (high > 0), 0.0, middle)
         for name, value in pose.items():
             if name not in self.joints:
-                raise UsageError(f"start names {name!r}, which is none of {', '.join(self.joints)}")
+                raise UsageError(f"start names {name!r}, which is not one of {', '.join(self.joints)}")
             start[self.joints.index(name)] = value
         self.data.qpos[self._places], self.data.qvel[:] = start, 0.0
         mujoco.mj_forward(self.model, self.data)

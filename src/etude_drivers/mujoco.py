@@ -46,7 +46,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
     if made.view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise UsageError("there is no display to show the robot on", next_step="Leave view out.")
     if made.view and made.virtual:
-        raise UsageError("a robot with a virtual clock is not shown", next_step="Leave view or virtual out.")
+        raise UsageError("a robot with a virtual clock is not shown", next_step="Remove view or virtual.")
     return MujocoRobot(joints, made)
 
 
@@ -166,9 +166,9 @@ class _Link:
         if self._sample is None:
             self.close()
             raise EtudeError(
-                "the process of the robot sends nothing",
+                "the process of the robot sends no data",
                 where="driver mujoco",
-                next_step="Its own message stands above.",
+                next_step="Its message is above.",
             )
         return self._sample
 

@@ -106,7 +106,9 @@ class Ros2Controller:
         self.topics.drop()
         sample = self._sample(self.about().silence)
         if sample is None:
-            raise EtudeError("no joint states come in", next_step="Is the robot's driver running?")
+            raise EtudeError(
+                "no joint states arrive", next_step="Check whether the robot's driver is running."
+            )
         reference = self.topics.reference()
         return replace(sample, asked=None if reference is None else self._ordered(reference, reference.q))
 
@@ -116,7 +118,7 @@ class Ros2Controller:
     def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
         interrupt = self._interrupt = Interrupt()
         run = _Playing(self, motion, watch, interrupt)
-        why = "" if control == "feedback" else "the topic takes no effort"
+        why = "" if control == "feedback" else "the topic accepts no effort"
         why = why or why_not(self, motion)
         try:
             with interrupts(interrupt):
@@ -207,9 +209,7 @@ class _Playing:
             held = reaction is Reaction.HOLD
             self._end(Ended.STOPPED, "the controller cannot be held" if held else "", sample.t)
         elif self._does_not_follow(sample):
-            self._end(
-                Ended.FAULT, "the controller follows something else than the motion it was sent", sample.t
-            )
+            self._end(Ended.FAULT, "the controller does not follow the motion that was sent", sample.t)
 
     def _end(self, ended: Ended, reason: str, t: float) -> None:
         self.why = ended, reason

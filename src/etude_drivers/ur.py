@@ -115,14 +115,16 @@ class UrArm:
 
     def ready(self, control: Control) -> None:
         if not self.control.isProgramRunning() and not self.control.reuploadScript():
-            raise ConnectionError("the control script does not run: is the robot in remote control?")
+            raise ConnectionError(
+                "the control script does not run: check that the robot is in remote control"
+            )
         self.control.setWatchdog(WATCHED)
         self._serves = True
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
         self.control.kickWatchdog()
         if not self.control.servoJ(q.tolist(), 0.0, 0.0, 1.0 / self.rate, self.lookahead, self.gain):
-            raise ConnectionError("the robot does not take set-points any more")
+            raise ConnectionError("the robot no longer accepts set-points")
 
     def stop(self, kill: bool = False) -> None:
         with contextlib.suppress(Exception):

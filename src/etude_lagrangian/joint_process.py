@@ -184,7 +184,7 @@ class JointProcess:
             UsageError: a stored process, which keeps only what it predicts from.
         """
         if self.fit is None or self.rows is None:
-            raise UsageError("a stored process cannot be held out", next_step="Learn the logs again.")
+            raise UsageError("a stored process cannot be held out", next_step="Train the model again.")
         J, n = len(self.commands), len(self.X)
         folds = np.unique(self.fit.fold[own])
         entry_row = self.rows[self.used % n]  # of each entry that counts

@@ -130,7 +130,7 @@ def data_together(
     silent = [name for name, mask in zip(folds.commands, counts.T, strict=True) if np.count_nonzero(mask) < 2]
     if silent:
         raise DataError(
-            "the axis hardly moves, so nothing of it can be learned",
+            "the axis hardly moves, so it cannot be learned",
             where=", ".join(silent),
             next_step="Excite it, or learn each command by itself.",
         )

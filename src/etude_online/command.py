@@ -220,7 +220,7 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
         checkpoints = Checkpoints(learner, FIRST_S + STAGGER_S * j)
         return Command(j, candidate, offset, factor, frozen, learner, evidence, checkpoints)
     raise UsageError(
-        f"{model.commands[j]} comes from the structure {chosen!r} by a process that cannot go on learning",
+        f"{model.commands[j]} comes from the structure {chosen!r} by a process that cannot learn online",
         next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",
     )
 

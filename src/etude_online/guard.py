@@ -215,13 +215,13 @@ class Guard:
         turned = self.gate.take(bad)
         if turned:
             self._goal = np.zeros(len(self.weight))
-            self._say(f"The trained model drives alone and nothing is learned: {why}.")
+            self._say(f"The trained model is used alone and nothing is learned: {why}.")
         elif turned is False:
-            self._say("Measurements have agreed for a second: learning goes on.")
+            self._say("Measurements have agreed for a second: learning continues.")
 
     def _contradiction(self, off: Mask) -> str:
         which = ", ".join(name for name, bad in zip(self._names, off, strict=True) if bad)
-        return f"the measured command of {which} is not what was sent and fed back"
+        return f"the measured command of {which} differs from the sum of feedforward and feedback"
 
     def _reset_learners(self, far: Mask) -> Mask:
         """Learners that are wrong by far, or lost, and were not set back just now."""

@@ -113,8 +113,8 @@ def feedback_of(
     parts = [part for stretches in each for part in stretches]
     if not parts:
         raise DataError(
-            f"no log holds {path}{PLANNED}, so the robot's feedback is not known",
-            next_step="Log the desired positions; without them nothing judges what is learned.",
+            f"no log holds {path}{PLANNED}, so the robot's feedback is unknown",
+            next_step="Log the desired positions; without them the guard cannot check the learned part.",
         )
     decisions = np.stack([np.stack(part) for part in parts], axis=1)  # (4, n, J)
     group = np.repeat(np.arange(len(each)), [len(stretches) for stretches in each])

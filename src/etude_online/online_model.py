@@ -31,8 +31,8 @@ from etude_online.row_samples import COMMAND, Measured
 
 REPORTS = 200
 """Sentences that are kept."""
-JUDGED = "The guard of learning on line judges by it."
-PLANNED = "The model looks at it; `planned_row` of a deployed folder makes whole rows."
+JUDGED = "The guard of online learning uses it."
+PLANNED = "The model uses it; `planned_row` of a deployed folder makes complete rows."
 CLEAN_S, YOUNG_S = 0.1, 0.2
 """After a suspicion: what the window has to hold beyond its length, and how much older a sample must be."""
 
@@ -332,7 +332,9 @@ class OnlineModel:
         self.counts.set_back[command.place] += 1
         anew = command.set_back(now)
         name = self.model.commands[command.place]
-        self._say(f"What {name} had learned {why}: it {'begins anew' if anew else 'goes back some seconds'}.")
+        self._say(
+            f"The learned part of {name} {why}: it {'starts again' if anew else 'goes back some seconds'}."
+        )
 
     def _score_middle(self) -> None:
         sample = self._measured.middle()
@@ -355,7 +357,7 @@ class OnlineModel:
         try:
             taken_in = command.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
         except FAILURES:
-            self._set_back(command, now, "is lost in arithmetic")
+            self._set_back(command, now, "is not finite")
             return
         if taken_in is not None:
             counts = self.counts.learned if taken_in else self.counts.refused

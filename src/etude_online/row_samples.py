@@ -107,7 +107,7 @@ def sources(
             source, order = channels[source].derivative_of, order + 1
         if source not in measured:
             raise UsageError(
-                f"learning on line needs {name!r}, which is neither measured nor a rate of what is",
+                f"online learning needs {name!r}, which is neither measured nor a rate of a measured channel",
                 next_step=f"Measured are {', '.join(measured)}.",
             )
         resolved.append(Source(name, source, order))
@@ -246,11 +246,11 @@ class Measured:
             self.begin({name: len(np.atleast_1d(values)) for name, values in row.items()})
         assert self._window is not None
         if not self._clock.tick(t):
-            self.odd(f"The clock says {t:.6g} s: learning goes on by its own")
+            self.odd(f"The clock shows {t:.6g} s: learning continues with its own clock")
         why = self._ranges.impossible(row, (*self._window.names, *self._also))
         if why:
             self._window.miss()
-            self.odd(f"A measurement cannot be true and is not learned: {why}")
+            self.odd(f"A measurement is implausible and not learned: {why}")
             return False
         self._window.push(self.now, row)
         return True

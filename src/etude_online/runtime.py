@@ -98,7 +98,7 @@ class Deployed:
         return reactions
 
     def weights(self) -> dict[str, float]:
-        """What part of each command comes from what was learned since."""
+        """What part of each command comes from the model since."""
         return dict(zip(self.names, self._online.weights(), strict=True))
 
     @property
@@ -117,7 +117,7 @@ class Deployed:
             raise DataError(
                 "this was saved from another folder",
                 where=str(path),
-                next_step="Open without it: what was learned belongs to the model that it began with.",
+                next_step="Open without it, because the learned part belongs to another model.",
             )
         self._online.restore(saved[1])
 
@@ -193,7 +193,7 @@ def _verified(folder: Path) -> str:
     """SHA-256 of the list of hashes, each of which holds."""
     if not (folder / HASHES).is_file():
         raise UsageError(
-            "no folder of a model that learns on line",
+            "not a folder of a model with online learning",
             where=str(folder),
             next_step="Write one: etude export LAB --to online.",
         )

@@ -65,6 +65,7 @@ def require_ticks(campaign: Campaign, robot: Robot) -> None:
     """UsageError: the robot takes its feedforward ahead of a run."""
     if not isinstance(robot, SupportsEachTick) or not robot.asks_each_tick:
         raise UsageError(
-            f"the simulated {campaign.name} takes its feedforward before a run, so nothing is learned in it",
+            f"the simulated {campaign.name} receives its feedforward before a run, so nothing is learned "
+            "during it",
             next_step="Leave --online out.",
         )

@@ -63,7 +63,7 @@ class Flights:
     """Rows of all flights in sequence; commands as fractions of their range, before their lag.
 
     Attributes:
-        commands: (N_i, n) of each flight, on an even grid of step (s). step: s of each flight.
+        commands: (N_i, n) of each flight, on an even grid of step (s). step: duration of each flight in s.
         force: (N, 3) specific force, m/s^2. rates: (N, 3) rad/s. turning: (N, 3) rad/s^2.
         velocity: (N, 3) of the body, m/s, or None. height: (N,) m above ground, or None.
         block: (N,) number of each row's block, -1 for unused rows. log: (N,) number of its log.
@@ -356,11 +356,11 @@ class _Row:
 
 
 UP_AND_DOWN = "fly with more motion up and down"
-NO_VELOCITY = "not every log says position or velocity, and attitude"
-NO_ROTORS = "robot.toml does not say where its rotors are (rotors = [[x, y, spin], ...])"
+NO_VELOCITY = "some logs have neither position nor velocity, or no attitude"
+NO_ROTORS = "robot.toml does not state the positions of its rotors (rotors = [[x, y, spin], ...])"
 SLOW = f"a log has less than {FAST_HZ:g} rows a second"
 FASTER = "fly faster sideways"
-SHAKE = "a lag is told from a delay by 15 s of quick ups and downs: 3 m/s^2 at 0.5 to 1.5 Hz"
+SHAKE = "to separate a lag from a delay, fly 15 s of fast vertical motion: 3 m/s^2 at 0.5 to 1.5 Hz"
 ROWS: Mapping[str, _Row] = {
     "hover": _Row("hover thrust", "1", 0.1, "", UP_AND_DOWN),
     "curve": _Row("thrust curve", "1", 0.2, "", UP_AND_DOWN, absolute=True),
@@ -433,7 +433,7 @@ def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...
     """Each of NAMES with its 95 % interval and settings, or the reason why flights do not determine it."""
     flights = None if min(spec.command_lower) < 0.0 else flights_of(spec, logs)
     if flights is None:
-        why = "commands are no motors"
+        why = "commands are not motors"
     elif len(flights.blocks) < LEAST_BLOCKS:
         why = f"{LEAST_BLOCKS * BLOCK_S:g} s of flight above the ground are needed"
     else:

@@ -118,7 +118,7 @@ class QuadrotorInputs:
         """X (T, D). DataError: the log lacks an input; names the option that removes it."""
         for name in self.parts:
             if name not in log and name != BATTERY.name:
-                fact = f"the flight does not say its {name.replace('_', ' ')}"
+                fact = f"the flight lacks its {name.replace('_', ' ')}"
                 raise DataError(fact, where=log.source, next_step=WITHOUT.get(name, f"Log the {name}."))
         return self._stacked(self._with_volts(log.values, len(log)))
 

@@ -29,7 +29,7 @@ def _idle(log: Log) -> tuple[Finding, ...]:
     """A finding about a vehicle that was never armed: its log is not informative."""
     if np.ptp(log["command"], axis=0).any():
         return ()
-    fact = "No motor's command ever changes: the vehicle was not armed, or they were not recorded."
+    fact = "No motor's command ever changes: the vehicle was not armed, or commands were not recorded."
     return (Finding("motors", "red", fact, "Record a flight, with the motors' set-points."),)
 
 
@@ -138,14 +138,14 @@ def ground_finding(segments: Windows) -> Finding:
     """A finding about time on the ground, with the intervals to trim or mark."""
     spans = spans_of(segments, segments.ground)
     if not spans:
-        return Finding(CHECK, "green", "The vehicle flies throughout.")
+        return Finding(CHECK, "green", "The vehicle is in flight in the whole log.")
     seconds = sum(end - start for start, end in spans)
     return Grounded(
         CHECK,
         "yellow",
-        f"The vehicle stands on the ground for {seconds:.3g} s.",
-        f"At either end, and between flights, that is cut, with {SPARE_S:g} s beside it, unless told with "
-        f"--accept {CHECK}.",
+        f"The vehicle is on the ground for {seconds:.3g} s.",
+        f"These parts, at the ends and between flights, are cut with {SPARE_S:g} s around them, unless "
+        f"ingested with --accept {CHECK}.",
         spans=spans,
     )
 
@@ -166,8 +166,8 @@ def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
     if vehicle is None:
         return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")
     mean = float(np.mean(log["command"]))
-    fact = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
+    fact = f"The mean command is {mean:.3g} V, but it should hover at {vehicle.hover_voltage:.3g} V."
     if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
         return Finding("scale", "green", fact)
-    step = "Is the vehicle described right? Check mass, thrust_constant, motor_constant and resistance in "
+    step = "Check mass, thrust_constant, motor_constant and resistance in "
     return Finding("scale", "yellow", fact, f"{step}robot.toml, and the commands' unit.")

@@ -55,9 +55,13 @@ def flight_samples(
         raise DataError(
             "no command ever changes, so nothing can be learned",
             where=logs[0].source,
-            next_step="Check that the log's commands are those that were sent.",
+            next_step="Check that the log contains the commands that were sent.",
         )
-    notes = () if lag == 0.0 else (f"The motion lags {lag:.3g} s behind the commands; they were moved.",)
+    notes = (
+        ()
+        if lag == 0.0
+        else (f"The motion lags {lag:.3g} s behind the commands; the commands were shifted.",)
+    )
     ordered = joined.take(np.lexsort((joined.t, joined.group)))
     return replace(ordered, log=ordered.log.repaired(*notes))
 
@@ -72,13 +76,13 @@ def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> fl
 
 def _check_logs(logs: Sequence[Log]) -> None:
     if not logs:
-        raise DataError("there is no flight to learn from", next_step="Fly one and tell its log.")
+        raise DataError("there is no flight for training", next_step="Fly one and ingest its log.")
     units = {log.channels["command"].units for log in logs}
     if len(units) > 1:
         raise DataError(
             "the flights give their commands in different units",
             where=", ".join(sorted({unit for several in units for unit in several})),
-            next_step="Learn from flights of one vehicle.",
+            next_step="Use flights of one vehicle.",
         )
     for log in logs:
         _finite("t", log.t, log.source)
@@ -106,7 +110,7 @@ def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:
     lower, upper = np.array(spec.command_lower), np.array(spec.command_upper)
     if saturated(log["command"], lower, upper).any(axis=1).mean() > MOST_SATURATED:
         raise DataError(
-            "the commands are saturated throughout, so they do not tell what the motion needs",
+            "the commands are always saturated, so they do not show the need of the motion",
             where=log.source,
             next_step="Fly slower, or correct the limits of the commands.",
         )
@@ -117,5 +121,5 @@ def _finite(name: str, values: Array, where: str) -> None:
         raise DataError(
             f"the flight's {name} contains NaN or infinite values",
             where=where,
-            next_step="Repair the log, or trim the samples off.",
+            next_step="Repair the log, or trim these samples.",
         )

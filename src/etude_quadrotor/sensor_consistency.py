@@ -127,10 +127,10 @@ def _attitudes(flight: Flight) -> Iterator[tuple[str, int, Array]]:
     from scipy.spatial.transform import Rotation
 
     yield "", 0, flight.R_world_body
-    yield "the attitude is that of the world in the body (the inverse)", 1, flight.R_world_body.swapaxes(1, 2)
+    yield "the attitude is inverted (world in the body frame)", 1, flight.R_world_body.swapaxes(1, 2)
     if flight.quaternion is not None:  # w, x, y, z are in fact x, y, z, w
         turned = np.asarray(Rotation.from_quat(flight.quaternion).as_matrix())
-        yield "the quaternion's parts are x, y, z, w, under a header that says w, x, y, z", 1, turned
+        yield "the quaternion's parts are x, y, z, w, under a header w, x, y, z", 1, turned
 
 
 SCALES = {
@@ -155,7 +155,7 @@ def _rates_finding(flight: Flight) -> Finding | None:
             for axes, turn in _signed_permutations():
                 left = float(np.mean(np.sum((turns - factor * measured @ turn.T) ** 2, axis=1)))
                 if not readings and np.sqrt(left) < LEAST_TURN:  # as stated: no other interpretation is tried
-                    return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
+                    return Finding(RATES, "green", "The gyroscope matches the rotation of the attitude.")
                 parts = [
                     label,
                     unit,
@@ -164,7 +164,7 @@ def _rates_finding(flight: Flight) -> Finding | None:
                 count = changes + bool(unit) + _change_count(turn)
                 # 1e-300: a log without motion explains nothing
                 readings.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
-    return _agreement_finding(RATES, readings, "The gyroscope does not match the turns of the attitude")
+    return _agreement_finding(RATES, readings, "The gyroscope does not match the rotation of the attitude")
 
 
 def _vectors(R: Array, span: int) -> Array:
@@ -213,7 +213,7 @@ def _force_finding(flight: Flight) -> Finding | None:
     return _agreement_finding(
         FORCE,
         readings,
-        "The accelerometer, turned by the attitude, does not match the motion of the position",
+        "The accelerometer, rotated by the attitude, does not match the motion of the position",
     )
 
 
@@ -283,10 +283,10 @@ def _axes(whose: str, axes: str, turn: Array) -> str:
 def _agreement_finding(check: str, readings: Sequence[Reading], fact: str) -> Finding:
     """A finding, red if another interpretation explains the motion and that of the header does not."""
     stated, best = readings[0], min(readings, key=lambda one: one.left)
-    alone = f"{fact} everywhere, and no other reading of the columns is better."
+    alone = f"{fact} everywhere, and no other interpretation of the columns is better."
     if best.left > LIKE or stated.left < BETTER * best.left:
         return Finding(
-            check, "cannot tell", f"{fact} everywhere, and no other reading of the columns is better."
+            check, "cannot tell", f"{fact} everywhere, and no other interpretation of the columns is better."
         )
     # 0.01: two interpretations with almost no residual are equally good
     near = [one for one in readings if one.left < NEAR * best.left + 0.01]
@@ -325,10 +325,10 @@ def _delay_finding(spec: QuadrotorSpec, log: Log) -> Finding | None:
     shift = f"{abs(lag):.2f} s {'before' if lag > 0.0 else 'after'}"
     shares = ["/".join(f"{100.0 * (1.0 - part):.0f}" for part in left[k]) for k in (best, usual)]
     fact = (
-        f"Motors stand {shift} the thrust and the torques that they make (then they explain {shares[0]} % of "
+        f"The motor commands are {shift} their thrust and torques (shifted, they explain {shares[0]} % of "
         f"these, within {LATE:g} s at most {shares[1]} %): another clock, or another column."
     )
-    step = f"Shift their column, or record all with one clock; {accepted(DELAY)}."
+    step = f"Shift their column, or record everything with one clock; {accepted(DELAY)}."
     return Finding(DELAY, "red", fact, step, flag=DELAY)
 
 

@@ -144,7 +144,9 @@ def _converted(data: dict[str, Any], where: str) -> tuple[QuadrotorTable, Vehicl
     except msgspec.ValidationError as problem:
         named = ", ".join(field.name for field in msgspec.structs.fields(QuadrotorTable))
         raise UsageError(
-            f"this describes no vehicle: {problem}", where=where, next_step=f"The keys are {named}."
+            f"this file does not describe a vehicle: {problem}",
+            where=where,
+            next_step=f"The keys are {named}.",
         ) from None
     if table.vehicle is not None:
         _refuse_unknown(table.vehicle, where)
@@ -184,7 +186,7 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
     if spec.command_unit not in UNITS:
         raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
     if not 0.0 <= spec.thrust_curve <= 1.0:
-        raise UsageError(f"thrust_curve is from 0 to 1, not {spec.thrust_curve:g}", where=where)
+        raise UsageError(f"thrust_curve must be from 0 to 1, not {spec.thrust_curve:g}", where=where)
     _check_commands(spec, where)
     _check_rotors(spec, where)
     _check_room(spec, where)
@@ -228,7 +230,7 @@ def _check_commands(spec: QuadrotorSpec, where: str) -> None:
         raise UsageError(
             f"the simulated vehicles have {LEAST} motors, this one has {count}",
             where=f"{where} plant",
-            next_step="Leave plant out: logs of the real vehicle teach it.",
+            next_step="Remove plant, and use logs of the real vehicle.",
         )
 
 
@@ -240,7 +242,7 @@ def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
     if not spec.rotors:
         if spec.body is not None and count != LEAST:
             raise UsageError(
-                f"[vehicle] does not say where its {count} rotors are",
+                f"[vehicle] does not state the positions of its {count} rotors",
                 where=where,
                 next_step="Write rotors = [[x, y, spin], ...], one for each command, in m.",
             )
@@ -255,14 +257,14 @@ def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
         raise UsageError(
             "a rotor is [x, y, spin]: two numbers in m, and 1 or -1",
             where=place,
-            next_step="1: it turns against the clock, seen from above.",
+            next_step="1: it turns anticlockwise, seen from above.",
         )
     lacking = lacking_forces(spec.rotors)
     if lacking:
         raise UsageError(
             f"the allocation matrix is singular: these rotors cannot make {lacking}",
             where=place,
-            next_step="Check positions and spins: not all in one line, and some turn each way.",
+            next_step="Check positions and spins: not all in one line, and some in each direction.",
         )
 
 
@@ -290,22 +292,22 @@ def _check_room(spec: QuadrotorSpec, where: str) -> None:
         _check_order(f"{axis} of the box", low, high, where)
         if high - low <= 2.0 * margin:
             raise UsageError(
-                f"the box is {high - low:g} m wide in {axis}, which two margins of {margin:g} m fill",
+                f"the box is {high - low:g} m wide in {axis}, less than two margins of {margin:g} m",
                 where=f"{where} margin",
-                next_step="Give it more room, or a smaller margin that its controller can keep.",
+                next_step="Enlarge it, or reduce the margin if the controller can keep a smaller one.",
             )
     lowest = spec.lower[2] + spec.margins[2]
     if spec.ground is not None and not (math.isfinite(spec.ground) and spec.ground < lowest):
         raise UsageError(
             f"the ground at {spec.ground:g} m is not below {lowest:g} m, the lowest that a flight may be",
             where=f"{where} ground",
-            next_step="It is the height of the vehicle's centre where it stands.",
+            next_step="It is the height of the vehicle's centre on the ground.",
         )
     if spec.radius is not None and spec.radius <= spec.margin:
         raise UsageError(
             f"the margin of {spec.margin:g} m fills the cylinder of radius {spec.radius:g} m",
             where=f"{where} margin",
-            next_step="Give it more room, or a smaller margin that its controller can keep.",
+            next_step="Enlarge it, or reduce the margin if the controller can keep a smaller one.",
         )
 
 

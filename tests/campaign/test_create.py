@@ -61,7 +61,7 @@ def test_several_kinds_may_recognise_one_file(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(plugins, "load", lambda g, name: Boat() if name == "boat" else real(g, name))
     path = tmp_path / "pair.toml"
     path.write_text(ROBOT)
-    with pytest.raises(UsageError, match=r"several kinds of robot recognise this file: arm, boat"):
+    with pytest.raises(UsageError, match=r"this file fits several kinds of robot: arm, boat"):
         load_robot(path)
 
 
@@ -91,7 +91,7 @@ def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
         raise AssertionError("the robot was read")
 
     monkeypatch.setattr("etude.campaign.create.find_robot", read)
-    with pytest.raises(UsageError, match="a campaign here already"):
+    with pytest.raises(UsageError, match="already holds a campaign"):
         create_campaign(tmp_path / "lab", "arm4")
     assert before == {path: path.read_bytes() for path in (tmp_path / "lab").rglob("*") if path.is_file()}
     with pytest.raises(AssertionError, match="was read"):
@@ -101,7 +101,7 @@ def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
 @pytest.mark.parametrize("name", ["robot.toml", "campaign.toml"])
 def test_init_overwrites_no_file_of_a_person(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("# mine\n")
-    with pytest.raises(UsageError, match=f"another {name} in this folder"):
+    with pytest.raises(UsageError, match=f"this folder holds another {name}"):
         create_campaign(tmp_path, "arm4")
     assert {path.name: path.read_text() for path in tmp_path.glob("*.toml")} == {name: "# mine\n"}
 

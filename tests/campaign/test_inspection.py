@@ -170,7 +170,7 @@ def test_without_a_robot_no_column_is_needed(tmp_path: Path) -> None:
     assert found["empty"].light == "yellow"
     assert "mode: 100 %" in found["empty"].sentence
     assert "mode" not in found["dead"].sentence
-    assert found["motion"].sentence == "Without --robot it is unknown which columns move."
+    assert found["motion"].sentence == "Without --robot it is unknown which columns are positions."
     assert "units" not in found
 
 
@@ -178,7 +178,7 @@ def test_a_guess_that_does_not_fit_is_said_and_refuses_nothing(tmp_path: Path) -
     columns = {name: values for name, values in flight().items() if name != "u2"}
     found = inspect(table(tmp_path / "plane.csv", columns))
     assert not found.refused
-    assert "The headers do not tell which joints there are (" in found.findings[0].sentence
+    assert "The headers do not identify the joints (" in found.findings[0].sentence
 
 
 @pytest.mark.parametrize(("step", "light"), [(0.02, "green"), (1.0, "yellow"), (1e-5, "yellow")])
@@ -211,7 +211,9 @@ def test_a_log_that_tell_repairs_is_not_taken_as_it_is(
     mends: bool, right: Path, robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kind = Mendable if mends else Finding
-    found = Inspected(None, (kind("delay", "yellow", "They are late.", "They are shifted by that."),))
+    found = Inspected(
+        None, (kind("delay", "yellow", "They are late.", "Ingestion shifts them by this time."),)
+    )
     monkeypatch.setattr("etude.campaign.ingest.inspection.inspect", lambda *_, **__: found)
     assert main(["inspect", str(right), "--robot", str(robot)]) == 0
     said = capsys.readouterr().out

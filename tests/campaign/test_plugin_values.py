@@ -142,4 +142,4 @@ def test_a_campaign_of_another_kind_is_refused(run: Run, tmp_path: Path) -> None
     path = tmp_path / "lab" / "campaign.toml"
     path.write_text(path.read_text().replace('kind = "legged"', 'kind = "arm"'))
     code, _, err = run("", "status")
-    assert (code, "is of the kind 'legged', and campaign.toml says 'arm'" in err) == (2, True)
+    assert (code, "has the kind 'legged', but campaign.toml states 'arm'" in err) == (2, True)

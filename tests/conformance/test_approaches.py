@@ -44,7 +44,7 @@ def test_a_new_motion_that_no_way_leads_to_is_not_asked(
     folder = str(make_campaign(tmp_path, config=RANDOM).path)
     before = sorted(path.relative_to(folder) for path in Path(folder).rglob("*"))
     assert main(["ask", folder, "--from", EDGE]) == 4
-    assert "Nothing was asked" in capsys.readouterr().err
+    assert "No trajectory was written" in capsys.readouterr().err
     assert sorted(path.relative_to(folder) for path in Path(folder).rglob("*")) == before
     assert main(["ask", folder]) == 0, "the advice: ask without --from"
     assert main(["ask", folder, "--from", "home"]) == 0
@@ -59,7 +59,7 @@ def test_an_open_motion_that_no_way_leads_to_stays_and_blocks_nothing(
     capsys.readouterr()
     assert main(["ask", folder, "--from", EDGE]) == 4
     said = capsys.readouterr().err
-    assert "The pose itself is the fault" in said
+    assert "The pose itself is the problem" in said
     assert "proposal 1 stays open" in said
     assert "etude abandon" not in said, "from there no other motion can begin either"
     assert not list(campaign.proposal(1).glob("from_*"))

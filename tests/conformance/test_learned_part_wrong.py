@@ -96,7 +96,7 @@ def test_what_would_leave_the_room_is_cut(drag: float, least: float, most: float
     )
     share = float(kept / whole)
     assert least - 1e-6 <= share <= most + 1e-6
-    said = f"Of the learned part of the accelerations {100.0 * share:.0f} % is commanded"
+    said = f"Only {100.0 * share:.0f} % of the learned accelerations is commanded"
     assert any(said in note for note in found.notes) == (share < 0.999)
     assert all(slack(row) >= 0.0 for row in found.rows if WRONG in row.quantity)
 

@@ -231,9 +231,9 @@ def test_headings_are_angles(ros: Ros, setpoints: Any, turns: int) -> None:
     [
         ({"x": 51.0}, "49.90 m from its set-point", 51.0),
         ({"z": -1.5}, "1.50 m from its set-point", 1.0),
-        ({"xy_valid": False}, "does not know its position any more", 1.0),
-        ({"z_valid": False}, "does not know its position any more", 1.0),
-        ({"y": float("nan")}, "does not know its position any more", 1.0),
+        ({"xy_valid": False}, "has lost its position", 1.0),
+        ({"z_valid": False}, "has lost its position", 1.0),
+        ({"y": float("nan")}, "has lost its position", 1.0),
     ],
     ids=["far", "fallen", "no place", "no height", "nan"],
 )
@@ -375,7 +375,7 @@ def test_a_vehicle_that_falls_silent_while_it_plays_gets_nothing_more(
     heard = flight((1.0, 2.0, -3.0), 2, 14, 14)
     ros.script = lambda own: heard(own) or True
     assert setpoints.main([]) == 1
-    assert "has not been heard for 2 s" in capsys.readouterr().err
+    assert "has arrived for 2 s" in capsys.readouterr().err
     assert len(north(ros)) < 110
 
 

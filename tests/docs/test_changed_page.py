@@ -27,8 +27,8 @@ def test_the_rehearsal_on_the_page(
         said.append("".join(capsys.readouterr()))
     assert [words[0] for words in rehearsal] == ["init", "simulate", "simulate", "status", "tell", "simulate"]
     assert codes == [0, 0, 6, 0, 0, 0]  # the page says so
-    assert "Log 3 is not learned yet: the robot is not the one that the model knows" in said[2]
+    assert "Log 3 is not used for training yet." in said[2]
     assert "a load was taken up or put down" in said[2]
-    assert said[3].startswith("RED: log 3: the robot is not the one")
+    assert said[3].startswith("RED: log 3: the robot differs from the one")
     assert "Learned: 3." in said[4]
     assert [r.number for r in open_campaign(tmp_path / "lab").state().learned] == [3, 4]

@@ -28,7 +28,7 @@ def test_the_rehearsal_on_the_page(
     assert "is in use now" in said[2]
     assert "trajectory 7, feedforward, deg" in said[3]
     assert "Promoted: the model of log 6" in said[4]
-    assert "Nothing speaks of another robot" in said[5]
+    assert "No change of the robot" in said[5]
     assert "a load was taken up or put down" in said[7]
     assert "Proposed: trajectory" in said[7]
     state = open_campaign(tmp_path / "lab").state()

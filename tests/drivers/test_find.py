@@ -53,7 +53,7 @@ def test_so_does_a_module(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("on", "words"),
     [
-        ("{file}:nothing", "made a object, which is neither a Stream nor a Player"),
+        ("{file}:nothing", "returned a object, which is neither a Stream nor a Player"),
         ("{file}:broken", "cannot be made: OSError: no such port"),
         ("{file}:wrong", "is not a driver's factory"),
         ("{file}:none", "the file has no none"),

@@ -123,7 +123,7 @@ def test_the_arm_does_not_drop_at_the_end() -> None:
 @pytest.mark.parametrize(
     ("robot", "joints", "settings", "words"),
     [
-        (SO101(Mode.PARTS), MOTORS, {}, "are parts of a range, and no angles"),
+        (SO101(Mode.PARTS), MOTORS, {}, "are fractions of a range, not angles"),
         (SO101(), ("knee",), {}, "has no motor knee"),
         (SO101(), MOTORS, {"current_step": None}, "current_step is not stated"),
         (SO101(), MOTORS, {"colour": 1}, "no key colour"),

@@ -124,7 +124,7 @@ def test_a_controller_that_does_not_take_the_motion_is_a_fault() -> None:
     with Ros2Controller(NAMES, "arm_controller", SETTINGS, Controller(deaf=True), real=False) as robot:
         recording = robot.play(motion(), go, "feedback")
     assert recording.ended is Ended.FAULT
-    assert "follows something else" in recording.reason
+    assert "does not follow the motion" in recording.reason
 
 
 def test_silence_is_a_lost_link_and_a_stop_is_sent() -> None:

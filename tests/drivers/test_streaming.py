@@ -100,7 +100,7 @@ def test_the_recording_comes_back_from_its_file(tmp_path: Path) -> None:
     assert back.motion.sha256 == recording.motion.sha256
     np.testing.assert_array_equal(back.motion.q, recording.motion.q)
     (tmp_path / "r.parquet").write_bytes((tmp_path / "r.parquet").read_bytes()[:-50])
-    with pytest.raises(DataError, match="no recording of etude run"):
+    with pytest.raises(DataError, match="not a recording of etude run"):
         read_recording(tmp_path / "r.parquet")
 
 
@@ -141,7 +141,7 @@ def test_joints_go_by_name() -> None:
     own = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=turned, rate=100.0)
     straight = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=NAMES, rate=100.0)
     np.testing.assert_array_equal(own.q, straight.q[:, ::-1])
-    with pytest.raises(UsageError, match="lacks elbow and has wrist"):
+    with pytest.raises(UsageError, match="lacks elbow and also has wrist"):
         planned(text, number=1, part="motion", speed=100, names=NAMES, joints=("base", "wrist"), rate=100.0)
 
 
@@ -159,7 +159,7 @@ def test_the_last_row_is_the_end_and_a_motion_is_cut_only_at_rest() -> None:
     assert cut(None).duration == chain.duration
     assert cut(end).duration == end
     np.testing.assert_allclose(np.diff(cut(end).t)[:-1], 1 / 97)
-    with pytest.raises(UsageError, match="does not rest at 0"):
+    with pytest.raises(UsageError, match="is not at rest at 0"):
         cut(0.5)
 
 

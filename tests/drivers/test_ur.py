@@ -119,7 +119,7 @@ def test_a_protective_stop_is_a_fault_and_ends_set_points() -> None:
         own.ready("feedback")
         own.stop(kill=True)
         assert own.state().fault == "protective stop"
-        with pytest.raises(ConnectionError, match="does not take set-points"):
+        with pytest.raises(ConnectionError, match="no longer accepts set-points"):
             own.send(robot.q, np.zeros(6), np.zeros(6), None)
 
 

@@ -159,7 +159,7 @@ def begun(robot: Robot, folder: Path) -> tuple[str, dict[str, Any]]:
     if robot.masses == "placeholders":  # as `init` says: limits that the file's weight exceeds are no limits
         path = folder / "lab" / "robot.toml"
         lines = path.read_text().splitlines(keepends=True)
-        path.write_text("".join(one for one in lines if "No motion is possible by the numbers" not in one))
+        path.write_text("".join(one for one in lines if "No motion is possible with the numbers" not in one))
     settings = {**SETTINGS, "model": str(true)}
     lines = [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
     (folder / "lab" / "run.toml").write_text("\n".join(["[driver]", 'on = "mujoco:virtual"', *lines, ""]))

@@ -81,7 +81,10 @@ def test_torques_are_those_of_the_new_body(learned: Path, tmp_path: Path, text: 
     for j, row in enumerate(rows):
         assert row.proved_lower - 0.01 * limit[j] <= wanted[:, j].min()
         assert wanted[:, j].max() <= row.proved_upper + 0.01 * limit[j]
-    assert any("robot.toml changed since log 1" in sentence for sentence in found.certificate.not_verified)
+    assert any(
+        "robot.toml changed after the training on log 1" in sentence
+        for sentence in found.certificate.not_verified
+    )
     with pytest.raises(UsageError, match="is of another robot") as refused:
         etude.ask(open_campaign(lab), formats=["ros2_csv"], effort=True)
     assert "--changed new" in refused.value.next_step

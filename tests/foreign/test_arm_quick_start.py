@@ -242,7 +242,7 @@ def test_a_small_arm(
     walk = Walk(tmp_path, plant.arm_of_urdf(URDF, seed=7), quick)
     found = ask_c(walk, walk.follow())
     require_right(found, EQUAL)
-    assert "no physics stand behind" not in capsys.readouterr().out  # a file with masses is behind all
+    assert "these commands have no physics" not in capsys.readouterr().out  # a file with masses is behind all
     folder = walk.go_on()
     found = ask_c(walk, folder)
     require_right(found, EQUAL, answered=True)

@@ -57,7 +57,7 @@ def test_the_certificate_is_of_the_motion_and_says_so(lab: Path, tmp_path: Path)
     proof = json.loads((tmp_path / "out" / "px4" / "certificate.json").read_text())
     said, beside = proof["notes"]
     assert "commands, not the motion" in said
-    assert "Where the learned drag is wrong" in beside
+    assert "If the learned drag is wrong" in beside
     rows = [row for row in proof["rows"] if "learned is wrong" in row["quantity"]]
     assert [row["axis"] for row in rows] == ["x", "y", "z"]
     assert proof["ok"]

@@ -169,7 +169,7 @@ def test_numbers_stand_for_the_axis_order_and_are_reported(pattern: str, first: 
     headers = [pattern.format(first + i) for i in (2, 0, 1)] + [f"tau_{j}" for j in JOINTS]
     matching = match_columns(headers, CHANNELS, "log.csv")
     assert [c.name for c in matching.channels["q"]] == [pattern.format(first + i) for i in range(3)]
-    assert any("taken for pan_joint, lift_joint, elbow_joint" in s for s in matching.repairs)
+    assert any("read as pan_joint, lift_joint, elbow_joint" in s for s in matching.repairs)
 
 
 def test_numbers_in_the_joints_names_win_over_their_order() -> None:
@@ -246,7 +246,7 @@ def test_a_joint_whose_name_ends_like_a_unit_keeps_it() -> None:
         ),
         (
             ["q_pan", "q_lift", "q_elbwo", "tau_pan"],
-            ("of elbow_joint", "Is q_elbwo meant as q_elbow_joint?", "Rename"),
+            ("of elbow_joint", "Perhaps q_elbwo means q_elbow_joint.", "Rename"),
         ),
         (["q_pan", "q_lift", "q_elbow"], ("channel 'command'", "pan_joint, lift_joint, elbow_joint")),
         (["q_pan", "position_pan", "q_lift", "q_elbow"], ("q_pan and position_pan mean the same", "Remove")),
@@ -336,7 +336,7 @@ def test_bare_names_of_commands_are_not_taken_for_the_attitude() -> None:
     alone = match_columns([*sensors, *command.parts], channels, "f").channels
     assert [c.name for c in alone["command"]] == list(command.parts)
     assert "attitude" not in alone
-    with pytest.raises(DataError, match="may be of the channel command or attitude"):
+    with pytest.raises(DataError, match="may belong to the channel command or attitude"):
         match_columns([*sensors, *command.parts, "yaw"], channels, "f")
 
 
@@ -347,7 +347,7 @@ def test_commands_in_another_unit_name_the_setting() -> None:
     headers = [f"{word}_{k}" for word in ("actual_q", "actual_current") for k in range(3)]
     with pytest.raises(DataError, match="no column") as refused:
         match_columns(headers, [*joints, command], "run.csv")
-    assert 'actual_current_0 and the like are read if the robot file says command_unit = "A"' in str(
+    assert 'actual_current_0 and similar units are read if the robot file states command_unit = "A"' in str(
         refused.value
     )
     others = [f"{word}_{k}" for word in ("actual_q", "colour") for k in range(3)]

@@ -70,7 +70,7 @@ def test_names_beside_numbers_decide(pattern: str, names: str, suffix: str, tmp_
     """Of 0.1 these were taken in the robot's order."""
     log = read(written(tmp_path / f"run{suffix}", entries(pattern, names)))
     assert_right(log)
-    assert any("mapped to joints by the names beside" in sentence for sentence in log.repairs)
+    assert any("mapped to joints by the names in the same row" in sentence for sentence in log.repairs)
 
 
 @pytest.mark.parametrize("dtype", [pl.Categorical, pl.String])
@@ -118,7 +118,7 @@ def test_lists_without_names_are_in_the_robots_order_if_they_are_as_many(suffix:
     assert_right(log)
     said = " ".join(log.repairs)
     assert "Columns position, effort hold lists without names; their entries were numbered from 0." in said
-    assert "were taken for pan_joint, lift_joint, elbow_joint, in this order" in said
+    assert "were read as pan_joint, lift_joint, elbow_joint, in this order" in said
 
 
 def test_lists_without_names_of_another_count_are_refused(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_lists_without_names_whose_length_changes_say_nothing(tmp_path: Path) ->
     frame = unnamed()
     cells = [cell[: 2 + row % 2] for row, cell in enumerate(frame["position"].to_list())]
     with pytest.raises(
-        DataError, match=r"no column for channel 'q'.*position hold lists of no numbers or of many"
+        DataError, match=r"no column for channel 'q'.*position hold lists without numbers or with too many"
     ):
         read(written(tmp_path / "run.parquet", frame.with_columns(pl.Series("position", cells))))
 
@@ -154,7 +154,7 @@ def test_a_missing_name_is_refused(tmp_path: Path) -> None:
 
 def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
     twice = entries("{}[{}]", "name[{}]").with_columns(pl.lit("pan_joint").alias("name[0]"))
-    with pytest.raises(DataError, match="'pan_joint' stands twice"):
+    with pytest.raises(DataError, match="'pan_joint' occurs twice"):
         read(written(tmp_path / "run.csv", twice))
 
 

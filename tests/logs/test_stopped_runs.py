@@ -35,7 +35,7 @@ def test_it_teaches_up_to_the_stop(stop: float, shift: float, rest: float) -> No
     found = aligned(at(log, log.t + shift))
     assert found.t[0] == pytest.approx(-2.0, abs=0.01)
     assert found.t[-1] == pytest.approx(stop, abs=0.15)
-    (sentence,) = [s for s in found.repairs if "teaches up to there" in s]
+    (sentence,) = [s for s in found.repairs if "only this part is used" in s]
     end, missing = (float(word) for word in (sentence.split()[4], sentence.split()[11]))
     assert end == pytest.approx(found.t[-1], abs=0.06)
     assert missing == pytest.approx(20.0 - found.t[-1], abs=0.06)
@@ -55,7 +55,7 @@ def test_a_recording_that_was_cut_says_what_is_missing(path: bool) -> None:
     log = log if path else Log(log.t, {"command": log.channels["command"]}, {"command": log["command"]})
     (sentence,) = [s for s in aligned(log).repairs if "ends at" in s]
     assert sentence == (
-        "The log ends at 13.0 s of the proposal's 20 s, 7.0 s before it does: it teaches up to there."
+        "The log ends at 13.0 s of the proposal's 20 s, 7.0 s before its end: only this part is used."
     )
 
 

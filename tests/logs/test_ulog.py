@@ -139,7 +139,7 @@ def test_a_log_cut_in_a_record_is_read_up_to_there(tmp_path: Path) -> None:
     log = read_log(path, CHANNELS, rate=200.0)
     assert 0.4 < len(log) / len(ulogs.T) < 0.6
     (cut,) = cut_sentences(log)
-    left = float(cut.removesuffix(" s of it are left.").rpartition(" ")[2])
+    left = float(cut.removesuffix(" s of it remain.").rpartition(" ")[2])
     assert left == pytest.approx(np.ptp(log.t), abs=0.05)
     path.write_bytes(path.read_bytes()[:60])
     with pytest.raises(DataError):

@@ -119,7 +119,7 @@ def test_a_kernel_made_of_our_parts_works_too() -> None:
 @pytest.mark.parametrize(
     ("name", "fault"),
     [
-        ("nan", "no numbers"),
+        ("nan", "not numbers"),
         ("shape", r"shape \(7, 8\), not \(8, 8\)"),
         ("pair", "matrix and its pull-back"),
         ("roles", "one of the roles"),
@@ -201,7 +201,7 @@ def test_a_users_member_learns_and_is_restored_by_its_name(config, tmp_path) -> 
     [
         ("bad_method", "without latents"),
         ("bad_noise", "noise_variance of shape"),
-        ("bad_nan", "no number"),
+        ("bad_nan", "not a number"),
         ("bad_negative", "below zero"),
         ("bad_shape", "mean of shape"),
         ("bad_held", "holds out in shapes"),
@@ -231,7 +231,7 @@ class Wrong:
 def test_broken_physics_are_named() -> None:
     from learning_examples import selection
 
-    with pytest.raises(UsageError, match="identified physics gives no numbers, or shape"):
+    with pytest.raises(UsageError, match="identified physics returned no numbers, or shape"):
         selection(trajectories(2), replace(SMALL, rung="identified"), physics={"identified": Wrong()})
 
 

@@ -53,7 +53,7 @@ def test_a_real_campaign_has_the_scores_of_logs_before_they_were_learned(tmp_pat
     write_campaign(tmp_path / "lab", 4, evaluated=False)
     shown = panels(open_campaign(tmp_path / "lab").plot().svg)
     assert [len(lines) for lines in shown.values()] == [4]
-    assert list(shown) == ["Each log, predicted before it was learned"]
+    assert list(shown) == ["Each log, predicted before training on it"]
     write_campaign(tmp_path / "new", 0, evaluated=False)
     assert list(panels(open_campaign(tmp_path / "new").plot().svg)) == ["No log has been predicted yet"]
 

@@ -61,7 +61,7 @@ def _read(field: Field[Any], value: Any) -> Any:
     if declared == {"bool"}:
         if value.strip().lower() not in WORDS:
             raise UsageError(
-                f"{field.name} is yes or no, not {value!r}",
+                f"{field.name} must be yes or no, not {value!r}",
                 where=f"--set {field.name}",
                 next_step=f"Write --set {field.name}=yes or --set {field.name}=no.",
             )
@@ -74,7 +74,7 @@ def _read(field: Field[Any], value: Any) -> Any:
             parsed = math.nan
         if not math.isfinite(parsed):
             raise UsageError(
-                f"{field.name} is a number, not {value!r}",
+                f"{field.name} must be a number, not {value!r}",
                 where=f"--set {field.name}",
                 next_step=f"Write --set {field.name}=NUMBER.",
             )

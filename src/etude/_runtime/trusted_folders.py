@@ -87,8 +87,8 @@ def require_trusted(named: Mapping[str, str], path: Path, folder: Path, identity
     raise UsageError(
         f"{path.name} names code that would be imported and run: {what}",
         where=str(path),
-        next_step=f"Nothing of it was run. If you have read it and know who wrote the folder: {command}. "
-        "If not, replace it by a name that etude plugins lists.",
+        next_step=f"No such code was run. If you have read it and trust the author of the folder: {command}. "
+        "Otherwise, replace it by a name that etude plugins lists.",
     )
 
 
@@ -120,4 +120,4 @@ def _source(name: str) -> str:
         spec = importlib.machinery.PathFinder.find_spec(package)
     except (ImportError, ValueError):
         spec = None
-    return (spec.origin if spec is not None and spec.origin else None) or "not found by Python now"
+    return (spec.origin if spec is not None and spec.origin else None) or "Python does not find it"

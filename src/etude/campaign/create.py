@@ -110,9 +110,9 @@ def _require_empty(path: Path) -> None:
     """Raise UsageError if the folder holds a campaign, or remains of one."""
     if os.path.isfile(path / JOURNAL) and read_events(path):
         raise UsageError(
-            "there is a campaign here already",
+            "this folder already holds a campaign",
             where=str(path),
-            next_step=f"Go on with it: etude status {typed(path)} says what is next. Or name another folder.",
+            next_step=f"Continue it: etude status {typed(path)} shows the next step. Or name another folder.",
         )
     require_no_remains(path)
 
@@ -125,16 +125,17 @@ def _require_free(path: Path, files: Mapping[str, bytes]) -> None:
     for name, data in files.items():
         if (path / name).exists() and (not (path / name).is_file() or (path / name).read_bytes() != data):
             raise UsageError(
-                f"there is another {name} in this folder, which a campaign would replace",
+                f"this folder holds another {name}, which a campaign would replace",
                 where=str(path / name),
-                next_step="Name another folder for the campaign: it gets a copy of the robot's description.",
+                next_step="Name another folder for the campaign, which gets a copy of the robot's "
+                "description.",
             )
 
 
 def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
     if not isinstance(kind, SupportsSelection):
         raise UsageError(
-            f"a robot of the kind '{kind.name}' has no joints to choose from",
+            f"robots of the kind '{kind.name}' have no joints to choose from",
             where=str(description),
             next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --acceleration, "
             "--command, --joint-limits and --floor out.",
@@ -175,7 +176,7 @@ def trust_robot(robot: str) -> None:
 def _shipped(path: Path) -> str:
     """Where the package has that example; "" if it has none."""
     example = Path(__file__).parents[1] / path
-    return f"The package has it: {example}. " if not path.is_absolute() and example.is_file() else ""
+    return f"It is a built-in robot: {example}. " if not path.is_absolute() and example.is_file() else ""
 
 
 def find_robot(robot: str) -> tuple[Kind, Path]:
@@ -190,7 +191,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
     if robot in names:
         return names[robot]
     path = Path(robot)
-    choices = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes yours."
+    choices = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes your robot."
     if path.is_dir():
         raise UsageError("this is a folder, not a robot's description", where=robot, next_step=choices)
     if not path.is_file():
@@ -200,15 +201,15 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
         hint = "".join(f" {name} cannot be used: {why}." for name, why in broken.items())
         raise UsageError(
-            f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
+            f"this file describes no known kind of robot ({', '.join(k.name for k in kinds)})",
             where=robot,
-            next_step=f'A TOML says which one it means: kind = "{kinds[0].name}", for example.{hint}',
+            next_step=f'A TOML file states its kind, for example: kind = "{kinds[0].name}".{hint}',
         )
     if len(matches) > 1:
         raise UsageError(
-            f"several kinds of robot recognise this file: {', '.join(k.name for k in matches)}",
+            f"this file fits several kinds of robot: {', '.join(k.name for k in matches)}",
             where=robot,
-            next_step='Write kind = "..." with one of them at its top.',
+            next_step='Write kind = "..." with one of them in its first line.',
         )
     return matches[0], path
 
@@ -231,7 +232,7 @@ def _make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise UsageError(
-            "this is a file, not a folder, or below one",
+            "this path is a file or lies below a file",
             where=str(path),
             next_step="Name another folder.",
         ) from None
@@ -239,7 +240,7 @@ def _make_folder(path: Path) -> None:
         raise UsageError(
             f"the folder cannot be made: {error.strerror or error}",
             where=str(path),
-            next_step="Name another folder, or one above it that you may write to.",
+            next_step="Name another folder that you may write to.",
         ) from None
 
 

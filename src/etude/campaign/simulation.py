@@ -96,8 +96,8 @@ class Loop:
             raise UsageError(
                 f"robot '{campaign.name}' has no simulated plant",
                 where=str(campaign.path / ROBOT),
-                next_step="Name its URDF or MJCF, with masses, as model_file there to rehearse, or run the "
-                "real robot.",
+                next_step="For a rehearsal, name its URDF or MJCF with masses as model_file there; or "
+                "run the real robot.",
             )
         if isinstance(robot, SupportsAssumptions):  # a simulated replacement of an existing robot
             _check_rehearsed(campaign)
@@ -122,18 +122,15 @@ class Loop:
             with part(1.0 - ASKING):
                 ingested = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
         except DataError as refused:  # the run broke off: abandon it, as a user would
-            say(f"Trajectory {number} is given up: {refused.fact}.")
+            say(f"Trajectory {number} is abandoned: {refused.fact}.")
             abandon(campaign, number)
             return None
         if ingested.foreign:  # the run broke off; its first part is learned
-            say(
-                f"Trajectory {number} is given up: less than half of it was run, "
-                f"which log {ingested.number} is."
-            )
+            say(f"Trajectory {number} is abandoned: less than half of it was run, as log {ingested.number}.")
             abandon(campaign, number)
         if ingested.awaits_answer:
             for finding in ingested.findings:
-                say(f"Log {ingested.number} is not learned yet: {finding.sentence}. {finding.step}")
+                say(f"Log {ingested.number} is not used for training yet: {finding.sentence}. {finding.step}")
         return ingested.number
 
     def _next_motion(self, say: Say) -> tuple[int, Controller | None]:
@@ -236,9 +233,9 @@ def _check_rehearsed(campaign: Campaign) -> None:
     real = real_logs(campaign, campaign.state())
     if real:
         raise UsageError(
-            f"log {real[0].number} is of the robot itself: no model may learn from it and from a stand-in",
+            f"log {real[0].number} is of the real robot: a model must not learn from real and simulated logs",
             where=str(campaign.path),
-            next_step="Rehearse in a folder of its own: etude init rehearsal --robot "
+            next_step="Rehearse in a separate folder: etude init rehearsal --robot "
             f"{campaign.path / ROBOT}, then etude simulate rehearsal.",
         )
 
@@ -309,9 +306,10 @@ def _learned_rounds(campaign: Campaign, loop: Loop, rounds: int, say: Say) -> It
             yield loop.evaluate_round(number)
     if done < rounds:
         raise DataError(
-            f"only {done} of {rounds} runs left a log that can be used",
+            f"only {done} of {rounds} runs gave a usable log",
             where=str(campaign.path),
-            next_step=f"The feedback cannot follow: lower the limits in {ROBOT}, or leave more room.",
+            next_step=f"The feedback cannot follow the motions: lower the limits in {ROBOT}, or enlarge the "
+            "tracking margins.",
         )
 
 
@@ -349,7 +347,7 @@ def _check_answered(campaign: Campaign) -> None:
     held = campaign.state().awaiting_answer
     if held:
         raise UsageError(
-            f"log {held[0].number} waits for the answer to whether the robot has changed",
+            f"log {held[0].number} waits for an answer about a change of the robot",
             where=str(campaign.path),
             next_step=f"etude tell {typed(campaign.path)} --changed new (or forget, or same).",
         )

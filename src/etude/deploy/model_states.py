@@ -52,14 +52,14 @@ def outside_training_sentence(model: LearnedModel) -> str:
     physical = {j for c in with_physics for j, weight in zip(c.commands, c.weights, strict=True) if weight}
     bare = [name for j, name in enumerate(model.commands) if j not in physical]
     if not bare:
-        return "where the model knows no more than before any data its commands are those of physics alone."
+        return "where the data add nothing to the prior, commands are those of physics alone."
     level = np.zeros(len(model.commands))
     for c, mean in used:
         if mean is None:
             level[list(c.commands)] += c.weights * level_of(c)
     levels = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
     return (
-        "where the model knows no more than before any data no physics stand behind these commands, and each "
-        f"goes to a level, the part of its mean in training that was steady: {levels}. Nothing but your "
-        "feedback holds the robot there."
+        "where the data add nothing to the prior, these commands have no physics. Each fades to a "
+        f"constant, the steady part of its mean in training: {levels}. Only your feedback holds the robot "
+        "there."
     )

@@ -65,8 +65,8 @@ def certified_playback(
     files = exporter(with_acceleration_share(what, part), kind, spec)
     certificate = certify_played(exporter, files, limits, motion, control)
     note = (
-        f"Of the learned part of the accelerations {100.0 * part:.0f} % is commanded: where it is wrong, all "
-        "of it would take the robot out of its limits."
+        f"Only {100.0 * part:.0f} % of the learned accelerations is commanded: an error in all of them "
+        "could move the robot out of its limits."
     )
     return files, replace(certificate, notes=(*certificate.notes, note))
 
@@ -105,7 +105,7 @@ def certify_played(
     for row in certificate.failed:
         if row.quantity == REST:
             raise UnsafeTrajectoryError(
-                f"the motion is not at rest where its receiver holds it ({row.where}): "
+                f"the motion is not at rest where its receiver holds a row ({row.where}): "
                 f"{row.proved_upper:.3g} per s or s^2",
                 where=row.axis,
                 next_step="Export it with its approach and return: "
@@ -116,7 +116,7 @@ def certify_played(
                 f"as its receiver plays it, {row.quantity} of '{row.axis}' may reach "
                 f"{row.proved_lower:.6g}..{row.proved_upper:.6g}, outside {row.lower:.6g}..{row.upper:.6g}",
                 where=f"{row.axis}, {row.quantity}",
-                next_step="Ask for another format, or at a lower speed: etude ask --speed 50.",
+                next_step="Use another format, or a lower speed: etude ask --speed 50.",
             )
     return certificate
 

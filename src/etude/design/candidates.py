@@ -340,11 +340,11 @@ class ClearPoseSource:
         )
         often = [what for what, count in met.most_common() if 2 * count > len(poses)]
         return UnsafeTrajectoryError(
-            "no motion about any of the poses that were tried keeps all limits"
-            + (f": most of them break {' and '.join(often)}" if often else ""),
-            next_step="In the robot file, correct limits narrower than the data sheet's, and what stands "
-            "around the robot; confirm there names pairs of links whose shapes leave little room. "
-            "Deviations of commands may be smaller after `etude tell` of a first, slow log of the robot.",
+            "no motion about any of the poses tried keeps all limits"
+            + (f": most of them violate {' and '.join(often)}" if often else ""),
+            next_step="In the robot file, correct limits narrower than the data sheet's, and obstacles. "
+            "Its list confirm names pairs of links with little clearance. Deviations of commands may "
+            "be smaller after `etude tell` with a first, slow log of the robot.",
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:

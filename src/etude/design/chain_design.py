@@ -182,9 +182,7 @@ def linked_chain(
 
 def dropped_sentence(dropped: int) -> str:
     """Sentence on the number of segments that were left out."""
-    return (
-        f" Segments left out, since no motion or no approach to it is proved: {dropped}." if dropped else ""
-    )
+    return f" Segments without a certified motion or approach were dropped: {dropped}." if dropped else ""
 
 
 def _link(

@@ -26,7 +26,7 @@ class DesignConfig:
             fourth candidate with a random amplitude; "uniform": half uniform on the feasible set, half on
             its edge.
         candidates: random candidates that are scored.
-        refine: how many of the best are refined by L-BFGS.
+        refine: number of the best candidates that are refined by L-BFGS.
         steps: iterations of each refinement.
         points: planned samples along a trajectory; logs are autocorrelated, so about one a second.
         planned_noise: True: each planned sample represents several logged ones and has less noise; False:

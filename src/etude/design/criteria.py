@@ -262,7 +262,7 @@ def _refused(criterion: Criterion, fault: str) -> UsageError:
     return UsageError(
         f"the criterion '{name}' {fault}",
         where=getattr(criterion, "__module__", ""),
-        next_step="Repair it; `etude.testing.CriterionSuite` shows what a criterion owes.",
+        next_step="Repair it; `etude.testing.CriterionSuite` tests criteria.",
     )
 
 

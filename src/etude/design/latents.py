@@ -172,8 +172,8 @@ def _chosen(model: Model) -> dict[int, int]:
         ]
         if not ranked:
             raise UsageError(
-                f"command {command} has no process, so nothing says what is not known of it",
-                next_step="Learn with a structure that has one, as model.rung = 'auto' does.",
+                f"command {command} has no process, so its uncertainty is unknown",
+                next_step="Train with a structure that has one, such as model.rung = 'auto'.",
             )
         places[command] = -max(ranked)[-1]
     return places
@@ -194,7 +194,7 @@ def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
         if isinstance(structure, SupportsRegressors):
             return structure
     raise UsageError(
-        "d_opt needs the identified model, and this robot has none",
+        "d_opt needs the identified model, but this robot has none",
         next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",
     )
 

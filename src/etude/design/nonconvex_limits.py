@@ -286,10 +286,10 @@ def _home_outside(
     rows = [row for limit in broken for piece in pieces for row in limit.prove(piece) if slack(row) < 0.0]
     facts = dict.fromkeys(_violation_text(row) for row in rows)
     return UnsafeTrajectoryError(
-        f"standing still at home does not keep the limits: {'; '.join(facts)}",
+        f"rest at home violates the limits: {'; '.join(facts)}",
         where=", ".join(limit.name for limit in broken),
-        next_step="Choose another home: of an arm it is `home` of [search] in robot.toml, of a vehicle the "
-        "middle of its room. Widen only a limit that is narrower than the data sheet's.",
+        next_step="Choose another home: `home` of [search] in robot.toml for arms, the middle of the "
+        "room for vehicles. Enlarge only limits that are narrower than the data sheet's.",
     )
 
 

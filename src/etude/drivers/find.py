@@ -57,7 +57,7 @@ def find_driver(
     if isinstance(driver, Stream):
         return Streamed(driver)
     raise UsageError(
-        f"{on} made a {type(driver).__name__}, which is neither a Stream nor a Player",
+        f"{on} returned a {type(driver).__name__}, which is neither a Stream nor a Player",
         where=GROUP,
         next_step=f"It lacks {_missing_members(driver)}: docs/drivers.md has both.",
     )

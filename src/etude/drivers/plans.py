@@ -52,12 +52,12 @@ def planned(
     if motion.orders.shape[2] != len(names):
         raise UsageError(
             f"the trajectory moves {motion.orders.shape[2]} joints, not {len(names)}",
-            next_step="Take the trajectory.json that etude ask wrote for this robot.",
+            next_step="Use the trajectory.json of etude ask for this robot.",
         )
     if until is not None and np.abs(motion.orders[1, -1]).max() > AT_REST:
         raise UsageError(
-            f"the trajectory does not rest at {until:g} s, where it is to end",
-            next_step="End it where a segment ends.",
+            f"the trajectory is not at rest at {until:g} s, its requested end",
+            next_step="End it at the end of a segment.",
         )
     q, qd, qdd = (np.ascontiguousarray(order[:, columns]) for order in motion.orders)
     command = None if effort is None else np.ascontiguousarray(effort(motion)[:, columns])
@@ -93,8 +93,8 @@ def _columns(names: Sequence[str], joints: Sequence[str]) -> Index:
         lacking = [name for name in names if name not in joints]
         beyond = [name for name in joints if name not in names]
         raise UsageError(
-            "the driver moves other joints than the campaign: "
-            f"it lacks {', '.join(lacking) or 'none'} and has {', '.join(beyond) or 'none'} beside",
+            f"the driver moves other joints than the campaign: it lacks {', '.join(lacking) or 'none'} "
+            f"and also has {', '.join(beyond) or 'none'}",
             next_step="Give the driver the names of the joints in robot.toml.",
         )
     return np.array([list(names).index(name) for name in joints])

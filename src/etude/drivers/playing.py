@@ -27,7 +27,7 @@ def why_not(player: Player, motion: PlannedMotion) -> str:
     try:
         sample = player.where()
     except Exception as error:
-        return f"the robot does not say where it is: {type(error).__name__}: {error}"
+        return f"the robot does not report its position: {type(error).__name__}: {error}"
     if sample.fault:
         return f"the robot reports: {sample.fault}"
     stands, near = (sample.q, STANDS_MEASURED) if sample.asked is None else (sample.asked, STANDS)

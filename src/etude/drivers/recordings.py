@@ -66,9 +66,9 @@ def read_recording(path: Path) -> Recording:
         return _recording(header, polars.read_parquet(io.BytesIO(data)))
     except (*DAMAGE, EtudeError, polars.exceptions.PolarsError) as error:
         raise DataError(
-            f"it is no recording of etude run: {reason(error)}",
+            f"it is not a recording of etude run: {reason(error)}",
             where=str(path),
-            next_step="Name a file that etude run wrote; other logs go to etude tell.",
+            next_step="Name a file of etude run; ingest other logs with etude tell.",
         ) from error
 
 
@@ -97,7 +97,7 @@ def _recording(header: dict[str, Any], frame: Any) -> Recording:
         until=header["until"],
     )
     if motion.sha256 != header["sha256"]:
-        raise ValueError("the trajectory in it is not the one that its header names")
+        raise ValueError("its trajectory differs from the one in its header")
 
     def table(channel: str) -> Array:
         names = [f"{channel}_{joint}" for joint in joints]

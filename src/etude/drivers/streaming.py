@@ -173,7 +173,8 @@ class _Run:
             self.stream.stop(self.interrupt.killed)
         except (Exception, SystemExit) as error:
             why = (
-                f"the driver's stop() failed ({type(error).__name__}: {error}): whether it rests is not known"
+                f"the driver's stop() failed ({type(error).__name__}: {error}): it is unknown whether the "
+                "robot is at rest"
             )
             self._outcome = Ended.FAULT, f"{self._outcome[1]}; {why}" if self._outcome[1] else why
         return self._outcome
@@ -224,7 +225,7 @@ class _Run:
         if self.interrupt.why:
             why = Ended.INTERRUPTED, self.interrupt.why
         elif self.lost:
-            why = Ended.LOST, "a cycle did not come to its end: the driver or this computer was stuck"
+            why = Ended.LOST, "a cycle did not end: the driver or this computer was blocked"
         elif self.clock.silent > self.about.silence:
             why = Ended.LOST, f"no sample for {self.about.silence:g} s"
         elif reaction in (Reaction.STOP, Reaction.KILL):

@@ -115,15 +115,15 @@ class Supervisor:
     def _make_checks(self, bounds: Bounds) -> list[_Check]:
         hold, low, high = bounds.for_s, bounds.lower, bounds.upper
         checks = [
-            _Check(lambda s: float(np.sum(~np.isfinite(s.q))), 0.0, "a position is no number", hold),
+            _Check(lambda s: float(np.sum(~np.isfinite(s.q))), 0.0, "a position is not a number", hold),
             _Check(self._clock.drift, bounds.clock, "the robot's clock is {value:.2f} s off ours", hold),
             _Check(self._clock.jump, bounds.silence, "the robot's clock jumped by {value:.2f} s", hold),
-            _Check(self._still, 1.0, "no position changes while {name} is asked to move: encoders", hold),
-            _Check(_asked_lacks, 0.0, "the driver does not say what it asks for", hold),
+            _Check(self._still, 1.0, "no position changes although {name} has to move: encoders", hold),
+            _Check(_asked_lacks, 0.0, "the driver does not report its set-points", hold),
             _Check(
                 lambda s: None if s.asked is None else np.abs(s.q - s.asked),
                 bounds.error,
-                "{name} is {value:.3g} from where it was asked to be, more than {bound:.3g}",
+                "{name} is {value:.3g} from its set-point, more than {bound:.3g}",
                 hold,
             ),
             _Check(lambda s: low - s.q, 0.0, "{name} is {value:.3g} below its lower limit", hold),
@@ -136,7 +136,7 @@ class Supervisor:
             sentence = "the command of {name} is {value:.3g}, more than {bound:.3g}"
             checks.append(_Check(_effort, bounds.effort, sentence, hold))
         if bounds.residual is not None and self._predicted is not None:
-            sentence = "the command of {name} is {value:.3g} off what was learned, more than {bound:.3g}"
+            sentence = "the command of {name} is {value:.3g} from the model, more than {bound:.3g}"
             checks.append(_Check(self._mean_residual, bounds.residual, sentence, hold))
         return checks
 
@@ -257,7 +257,8 @@ def _stamped(sample: Sample) -> Sample:
 def _require_fitting(bounds: Bounds, about: About, motion: PlannedMotion, predicted: Array | None) -> None:
     if motion.joints != about.joints:
         raise UsageError(
-            f"the motion is of {', '.join(motion.joints)}, and {about.name} has {', '.join(about.joints)}",
+            f"the motion has the joints {', '.join(motion.joints)}, but {about.name} has "
+            f"{', '.join(about.joints)}",
             next_step="Plan it with the joints in the driver's order.",
         )
     for name in ("error", "lower", "upper", "velocity", "effort", "residual"):

@@ -18,14 +18,15 @@ def refusals(motion: PlannedMotion, about: About) -> Sequence[str]:
     """A sentence for each limit of `about` that the motion leaves, and for what it cannot play at all."""
     if motion.joints != about.joints:
         return [
-            f"the motion is of {', '.join(motion.joints)}, not of {', '.join(about.joints)} in this order"
+            f"the motion has the joints {', '.join(motion.joints)}, not {', '.join(about.joints)} in this "
+            "order"
         ]
     sentences = []
     steps = np.diff(motion.t) * about.rate
     if motion.t[0] != 0.0 or not np.allclose(steps[:-1], 1.0, atol=1e-6) or not np.all(steps <= 1.0 + 1e-6):
         sentences.append(f"the rows of the motion are not {about.rate:g} Hz from 0")
     if motion.effort is not None and "learned" not in about.controls:
-        sentences.append(f"{about.name} takes no effort beside set-points")
+        sentences.append(f"{about.name} accepts no effort besides set-points")
     for quantity, values, lower, upper in _limited_quantities(motion, about):
         sentences += _violations(quantity, values, lower, upper, motion)
     return sentences
@@ -63,7 +64,7 @@ def _violations(
 ) -> Sequence[str]:
     """A sentence on the joint that is furthest outside its limit; none if all are inside."""
     if not np.isfinite(values).all():
-        return [f"the {quantity} of the motion is no number somewhere"]
+        return [f"the {quantity} of the motion has values that are not numbers"]
     lower, upper = np.broadcast_to(lower, values.shape), np.broadcast_to(upper, values.shape)
     beyond = np.maximum(values - upper, lower - values)
     allowed = SLACK * np.where(values > 0, np.abs(upper), np.abs(lower))
@@ -74,5 +75,5 @@ def _violations(
     limit = upper[row, joint] if values[row, joint] > upper[row, joint] else lower[row, joint]
     return [
         f"the {quantity} of {motion.joints[joint]} is {values[row, joint]:.4g} at {motion.t[row]:.2f} s, "
-        f"and {limit:.4g} is its limit"
+        f"but its limit is {limit:.4g}"
     ]

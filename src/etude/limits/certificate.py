@@ -61,8 +61,8 @@ def _mirrored(row: Proof) -> Proof:
 
 TRACKING = "The tracking error, with overshoot."
 COLLISIONS = "Collisions with itself, the floor and obstacles."
-APPROACH = "The motion to the start pose, and the motion back from the end pose."
-COMMANDS = "Whether the drives can give the forces that the motion needs."
+APPROACH = "The approach to the start pose, and the return from the end pose."
+COMMANDS = "Whether the drives can deliver the forces of the motion."
 SPEED = "The speed of the tool and of the links in space."
 LOAD = "Loads that the robot file does not describe."
 ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
@@ -128,7 +128,7 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     if assumed:
         sentences.append(
             f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log of such a motion"
-            f"{_under(tracked_rows)} has measured them."
+            f"{_under(tracked_rows)} has shown them yet."
         )
     return tuple(sentences)
 
@@ -150,7 +150,7 @@ def in_words(row: Proof) -> str:
         taken = tracked_in_words(row)
         under = f" under {row.control}" if row.control else ""
         with_it = f" with tracking{under} of {taken}" if taken else ""
-        return f"{row.proved_lower:.4g} is kept{with_it}, limit {row.lower:.4g}"
+        return f"at least {row.proved_lower:.4g}{with_it}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     planned, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     beyond = row.tracking_margin if above else -row.tracking_margin

@@ -394,7 +394,7 @@ def _updated(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
     return _with_share(
         limit,
         credible(limit, ran),
-        "With all of them the motion that the robot has run last would be refused: too little is known yet.",
+        "All of them together would exclude the robot's last motion: the model is still too uncertain.",
     )
 
 
@@ -408,7 +408,7 @@ def held_at(limit: CommandLimit, home: Array) -> CommandLimit:
     share = np.clip(BELIEVED_ROOM * room / limit.spread(still, 0.0)[0], 0.0, 1.0)
     # a home that the mean alone excludes is another matter, see `kept_at`
     share = np.where(room > 0.0, share, 1.0)
-    return _with_share(limit, share, "With all of them the robot could hardly be held at home.")
+    return _with_share(limit, share, "All of them together would almost exclude rest at home.")
 
 
 def weight_at(limit: CommandLimit, poses: Array) -> Array:
@@ -420,12 +420,15 @@ def weight_at(limit: CommandLimit, poses: Array) -> Array:
 
 
 def _with_share(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
-    """The limit with a share (J,) of its deviations, and a sentence on it if that is not all of them."""
-    short = [j for j in range(len(share)) if share[j] < 1.0]
-    if not short:
+    """The limit with a share (J,) of the deviations that it counts, and a sentence if that is not all."""
+    if np.all(share >= 1.0):
         return limit
+    share = share if limit.share is None else limit.share * share
+    short = [j for j in range(len(share)) if share[j] < 1.0]
     parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
-    sentence = f"The {limit.quantity} in full: of the deviations of {limit.source} there count {parts}. {why}"
+    sentence = (
+        f"The full {limit.quantity}: only a part of the deviations of {limit.source} is used, {parts}. {why}"
+    )
     return replace(limit, share=share, gaps=(*limit.gaps, sentence), _proofs={})
 
 
@@ -518,8 +521,9 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
     )
     return OpenCommands(
         (
-            f"Whether the drives can give the forces: {limit.source} says {most} of {limit.names[j]} at "
-            f"rest at home, beyond {limit.lower[j]:.3g}..{limit.upper[j]:.3g}; one of them is wrong.",
+            f"Whether the drives can deliver the forces: {limit.source} states {most} for "
+            f"{limit.names[j]} at rest at home, beyond {limit.lower[j]:.3g}..{limit.upper[j]:.3g}; one of "
+            "them is wrong.",
         ),
         limit,
     )

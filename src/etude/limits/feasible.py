@@ -365,7 +365,7 @@ class FeasibleSet:
 
 
 def check_room(limits: Sequence[Limit], family: Family) -> None:
-    """Raise UnsafeTrajectoryError, with the axis and the limit, if a limit leaves no room for any motion."""
+    """Raise UnsafeTrajectoryError, with the axis and the limit, if a limit leaves no room for motion."""
     form = family.trajectory(np.zeros(family.size)).form
     for limit in limits:
         if isinstance(limit, SupportsRoomCheck):
@@ -393,9 +393,9 @@ def _check_centre(cones: Sequence[Cone], family: Family, centre: Array) -> None:
         place = family.motion(centre, np.zeros(1), 1).orders[0, 0]
         text = ", ".join(f"{x:g}" for x in place)
         raise UnsafeTrajectoryError(
-            f"motions about {text} have no room within the limit of {cone.name}",
+            f"motions about {text} have no room inside the limit of {cone.name}",
             where=cone.name,
-            next_step="Move the middle of the motions, or widen the limit.",
+            next_step="Move the middle of the motions, or enlarge the limit.",
         )
 
 

@@ -120,8 +120,8 @@ def at_rest(motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
         if pair is not None:
             return with_leads(slower, *pair)
     raise UnsafeTrajectoryError(
-        "no lead-in from rest to this motion, or lead-out from it, is proved inside the limits",
-        next_step="Ask for a slower motion: duration in [trajectory] of campaign.toml.",
+        "no certified lead-in from rest to this motion, or lead-out from it",
+        next_step="Plan a slower motion: duration in [trajectory] of campaign.toml.",
     )
 
 

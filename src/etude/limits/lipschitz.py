@@ -68,23 +68,24 @@ class LipschitzLimit:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and self.lower < self.upper):
             raise UsageError(
-                f"the limit of {self.quantity} runs from {self.lower:g} to {self.upper:g}",
+                f"the limit of {self.quantity} has the range {self.lower:g} to {self.upper:g}",
                 where=self._source,
-                next_step="State two numbers, the lower first; the upper may be infinite. Where only an "
-                "upper end is wanted, limit minus the function.",
+                next_step="State two numbers, the lower first; the upper may be infinite. For an upper "
+                "end alone, limit minus the function.",
             )
         slopes = np.asarray(self.slopes, dtype=float)
         if slopes.ndim != 1 or not np.all(np.isfinite(slopes) & (slopes >= 0.0)):
             raise UsageError(
-                f"the slopes of {self.quantity} are {slopes.tolist()}: one is negative or no number",
+                f"the slopes of {self.quantity} are {slopes.tolist()}: one is negative or not a number",
                 where=self._source,
-                next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
+                next_step="State the largest |df/dq| of each coordinate, 0 where f does not depend on it.",
             )
         if not isinstance(self.margins, Mapping):
             raise UsageError(
                 f"the tracking margins of the limit of {self.quantity} are {type(self.margins).__name__}",
                 where=self._source,
-                next_step="Pass on what the function gets third: def limit(spec, model, margins, *, ...).",
+                next_step="Pass on the third argument of the function: def limit(spec, model, margins, "
+                "*, ...).",
             )
         if self.order != 0 or self.rest:
             raise UsageError(
@@ -166,13 +167,13 @@ class LipschitzLimit:
             raise UsageError(
                 f"the function of the limit of {self.quantity} failed: {type(error).__name__}: {error}",
                 where=self._source,
-                next_step="Repair the plug-in: its function takes poses (T, k) and gives T numbers.",
+                next_step="Repair the plug-in: its function takes poses (T, k) and returns T numbers.",
             ) from error
         if values.shape != (len(poses),) or not np.isfinite(values).all():
             raise UsageError(
                 f"the limit of {self.quantity} gives {values.shape} for poses {poses.shape}, or not numbers",
                 where=self._source,
-                next_step="Its function takes poses (T, k) and gives T finite numbers.",
+                next_step="Its function takes poses (T, k) and returns T finite numbers.",
             )
         return values
 
@@ -185,10 +186,10 @@ class LipschitzLimit:
     def _check_size(self, size: int) -> None:
         if len(self.slopes) != size:
             raise UsageError(
-                f"the limit of {self.quantity} has {len(self.slopes)} slopes, and the pose has {size} "
+                f"the limit of {self.quantity} has {len(self.slopes)} slopes, but the pose has {size} "
                 "coordinates",
                 where=self._source,
-                next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
+                next_step="State the largest |df/dq| of each coordinate, 0 where f does not depend on it.",
             )
 
     def _check_slopes(self, poses: Array) -> None:
@@ -197,10 +198,10 @@ class LipschitzLimit:
         for j in np.flatnonzero(needed > self.slopes):
             axis = self.coordinates[j] if self.coordinates else f"coordinate {j + 1}"
             raise UsageError(
-                f"the slope of {self.quantity} in {axis} is {self.slopes[j]:g}, and at least "
+                f"the slope of {self.quantity} in {axis} is {self.slopes[j]:g}, but at least "
                 f"{needed[j]:.3g} is needed",
                 where=self._source,
-                next_step="State the largest |df/dq| of each coordinate: with less, nothing is proved.",
+                next_step="State the largest |df/dq| of each coordinate; smaller values prove nothing.",
             )
 
     def _row(self, piece: Trajectory) -> Proof:
@@ -236,7 +237,7 @@ class LipschitzLimit:
         low, high = bound_of(piece, 1, 1, axes, np.zeros(len(axes))).range()
         rate = float(np.asarray(self.slopes) @ np.maximum(np.abs(low), np.abs(high)))
         if not math.isfinite(rate):
-            raise UsageError(f"nothing bounds the speed of this curve, nor then its {self.quantity}")
+            raise UsageError(f"the speed of this curve has no bound, so its {self.quantity} has none")
         return rate
 
 

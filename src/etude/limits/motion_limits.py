@@ -141,9 +141,9 @@ def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
     """
     if not half > 0.0:
         raise UnsafeTrajectoryError(
-            f"no motion keeps the limit of {name}: {half:.3g} is left to either side of its middle",
+            f"no motion keeps the limit of {name}: {half:.3g} remains on either side of its middle",
             where=name,
-            next_step="Widen the limit, or keep less beside it.",
+            next_step="Enlarge the limit, or reduce the tracking margin.",
         )
     return Cone(name, (rows / half)[None], (offset / half)[None])
 
@@ -451,7 +451,7 @@ def _form(family: Family) -> str:
 
 def _no_room(quantity: str, axis: str, text: str) -> None:
     raise UnsafeTrajectoryError(
-        f"the {quantity} limit {text} of '{axis}' leaves no room for any motion",
+        f"the {quantity} limit {text} of '{axis}' leaves no room for motion",
         where=f"{axis}, {quantity}",
-        next_step="Widen the limit, or take the axis out of the robot's description.",
+        next_step="Enlarge the limit, or remove the axis from the robot's description.",
     )

@@ -80,7 +80,7 @@ class TrackingConfig:
         ):
             if not 0.0 <= getattr(self, name) <= most:
                 raise UsageError(
-                    f"{name} must be a part from 0 to {most:g}, not {getattr(self, name)}",
+                    f"{name} must be a fraction from 0 to {most:g}, not {getattr(self, name)}",
                     where=f"tracking.{name}",
                 )
 

@@ -13,7 +13,7 @@ class LogConfig:
     Attributes:
         columns: header as it is to be read -> header in the file. A unit in the file's header is kept.
         ignored: headers of columns that are left out.
-        topics: of logs that hold several; none: those that look like what is needed.
+        topics: topics to read, of logs with several; none: the topics that fit.
         rate: Hz, at which rows of logs without times stand; 0: such logs are refused.
     """
 

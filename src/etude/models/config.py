@@ -81,7 +81,7 @@ class ModelConfig:
         warm_from: trajectories from which training goes on from the last model, as `schedule` says; with
             fewer the first ones' bad optimum would be kept.
         warm_steps: of a training that goes on; 0: as many as `steps`.
-        starts: of the training; the best end wins.
+        starts: starts of the training; the best result is used.
         schedule: what becomes of the hyperparameters of the last model (thesis 6.1): "update" trains on from
             them (with several starts: beside fresh ones), with spectral points if there are such; "constant"
             keeps those of the first training, noise included; "first" is constant too, and fitted to the
@@ -189,7 +189,7 @@ class ModelConfig:
                 )
         if self.steps < 0 and self.method != "minimize":
             raise UsageError(
-                f"negative steps count evaluations of the likelihood, which {self.method} does not count",
+                f"negative steps are evaluations of the likelihood, which {self.method} does not support",
                 where=f"model.steps = {self.steps}",
                 next_step="Set method = 'minimize', or a number of iterations.",
             )
@@ -210,7 +210,7 @@ class ModelConfig:
             )
         if self.kernel == "structured" and self.sharing == "shared":
             raise UsageError(
-                "The structured kernel is of one command, so commands cannot share it",
+                "The structured kernel is for one command, so commands cannot share it",
                 where="model.sharing = 'shared'",
                 next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
             )

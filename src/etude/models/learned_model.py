@@ -464,8 +464,8 @@ class LearnedModel:
         position = columns[0][0]
         if tuple(part for channel, part, _, op in columns if channel == position and not op) != self.commands:
             raise UsageError(
-                f"{position}, the first input, is no position for each command",
-                next_step="Ask static(log), with a log of the states.",
+                f"{position}, the first input, is not one position per command",
+                next_step="Use static(log), with a log of the states.",
             )
         if q.ndim != 2 or q.shape[1] != widths[position]:
             raise UsageError(f"poses have shape {q.shape}, not (n, {widths[position]})")

@@ -126,7 +126,9 @@ class PluginMember:
     def of(cls, name: str, member: Any) -> PluginMember:
         """The member. UsageError if it cannot learn or be stored."""
         if not callable(member) or not isinstance(member, Member):
-            raise UsageError(f"the model {name!r} is no function with an attribute `restore`", next_step=_ASK)
+            raise UsageError(
+                f"the model {name!r} is not a function with an attribute `restore`", next_step=_ASK
+            )
         return cls(name, member)
 
     def __call__(self, fit: FitData) -> Process:
@@ -160,14 +162,14 @@ class PluginMember:
             if value.shape != shape:
                 raise self._error(f"gives a {name} of shape {value.shape}, not {shape}")
             if not np.isfinite(value).all() or (name != "mean" and bool((value < 0.0).any())):
-                raise self._error(f"gives a {name} that is no number, or below zero")
+                raise self._error(f"returns a {name} that is not a number, or below zero")
         return cast("Process", process)
 
     def _error(self, what: str) -> UsageError:
         return UsageError(f"the model {self.name!r} {what}", next_step=_ASK)
 
 
-_ASK = "Ask whoever wrote the plug-in; etude.testing.ProcessSuite shows what fails."
+_ASK = "Ask the author of the plug-in; etude.testing.ProcessSuite shows the failure."
 
 
 def member_named(name: str) -> Member:

@@ -156,7 +156,7 @@ class Posteriors:
             UsageError: a stored process, which keeps only what it predicts from.
         """
         if self.teaching is None:
-            raise UsageError("a stored process cannot be held out", next_step="Learn the logs again.")
+            raise UsageError("a stored process cannot be held out", next_step="Train the model again.")
         fit, taught, shared = self.teaching.fit, self.teaching.taught, self.shared
         outputs = fit.Y if Y is None else Y
         if shared is not None and taught is fit.kept and np.isin(own, taught).all():

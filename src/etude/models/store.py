@@ -55,9 +55,9 @@ def load_model(
         return model_of(Path(path).read_bytes(), inputs_of, physics)
     except DAMAGE as error:
         raise DataError(
-            f"this is no model that can be read ({error})",
+            f"this is not a readable model ({error})",
             where=str(path),
-            next_step="Remove the file and learn the logs again.",
+            next_step="Remove the file and train the model again.",
         ) from error
 
 

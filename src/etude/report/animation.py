@@ -138,7 +138,7 @@ def main(arguments: Sequence[str]) -> None:
     """Entry of `python -m etude.report.animation`."""
     if len(arguments) != 2:
         raise UsageError(
-            "two arguments are needed", next_step="Give the campaign's folder and the SVG's path."
+            "two arguments are needed", next_step="Give the folder of the campaign and the path of the SVG."
         )
     write_atomic(Path(arguments[1]), of_campaign(read_record(Path(arguments[0]))).encode("utf-8"))
 

@@ -173,7 +173,7 @@ def _refused(port: int, problem: Exception | None) -> UsageError:
     fact = f"port {port} is in use" if used else f"port {port} cannot be opened: {problem}"
     with socket.create_server((HOST, 0)) as free:
         offered = free.getsockname()[1]
-    return UsageError(fact, where="--port", next_step=f"Free now: --port {offered}; or leave --port out.")
+    return UsageError(fact, where="--port", next_step=f"Free now: --port {offered}; or leave out --port.")
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -127,31 +127,31 @@ BASELINES = {
         "identified physics",
         "c5",
         "with identified physics",
-        "With identified physics alone it is {error} ({relation}).",
+        "Identified physics alone has {error} ({relation}).",
     ),
     "online": Baseline(
         "learning on line",
         "c4",
-        "while it goes on learning",
-        "While the model goes on learning in the test it is {error} ({relation}).",
+        "with online learning",
+        "The model with online learning during the test has {error} ({relation}).",
     ),
     "perfect": Baseline(
         "perfect model",
         "c3",
         "with a perfect model",
-        "A perfect model of this robot has {error}, about the floor.",
+        "A perfect model of this robot has {error}, which is about the floor.",
     ),
     "analytic": Baseline(
         "analytic, no drag",
         "c5",
         "with the analytic model without drag",
-        "With the analytic inverse model without drag it is {error} ({relation}),",
+        "The analytic inverse model without drag has {error} ({relation}),",
     ),
     "exact_drag": Baseline(
         "analytic, exact linear drag",
         "c3",
         "with the exact linear drag",
-        "and with the exact linear drag as well {error} ({relation}).",
+        "and with the exact linear drag {error} ({relation}).",
     ),
 }
 """In the order in which they are told of."""
@@ -174,7 +174,7 @@ QUANTITIES = {"deg": "tracking error (degrees)", "m": "position error (m)"}
 def baseline(name: str) -> Baseline:
     """The description of a baseline; an unknown one is called by its name."""
     plain = name.replace("_", " ")
-    unknown = Baseline(plain, "c7", f"with {plain}", f"With {plain} it is {{error}} ({{relation}}).")
+    unknown = Baseline(plain, "c7", f"with {plain}", f"The baseline {plain} has {{error}} ({{relation}}).")
     return BASELINES.get(name, unknown)
 
 

@@ -95,7 +95,7 @@ def _held_out(record: Record) -> Html:
         )
     ]
     count = max([1, *(number for number, _ in logs)])
-    title = "Each log, predicted before it was learned" if scored else "No log has been predicted yet"
+    title = "Each log, predicted before training on it" if scored else "No log has been predicted yet"
     axes = Axis("log", limits=(0.5, count + 0.5), whole=True), Axis("nMSE (1)", log=bool(scored))
     return panel(title, *axes, marks, size=SIZE)
 
@@ -190,7 +190,7 @@ def learned_tests(record: Record) -> list[Test]:
         raise UsageError(
             "this campaign has no evaluation to draw",
             where=str(record.folder),
-            next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
+            next_step="Only `etude simulate` and `etude demo` evaluate controllers.",
         )
     return learned
 
@@ -199,7 +199,7 @@ def main(arguments: list[str]) -> None:
     """Entry of `python -m etude.report.pictures`."""
     if len(arguments) != 2:
         raise UsageError(
-            "two arguments are needed", next_step="Give the campaign's folder and the SVG's path."
+            "two arguments are needed", next_step="Give the folder of the campaign and the path of the SVG."
         )
     write_picture(Path(arguments[0]), Path(arguments[1]))
 

@@ -125,7 +125,7 @@ class Record:
         from etude.campaign.record.stored_files import changed_since
 
         files = () if self.campaign is None else changed_since(self.campaign, self.events, [name])
-        return f"This was proved before {' and '.join(files)} changed." if files else ""
+        return f"This certificate is older than the change of {' and '.join(files)}." if files else ""
 
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
@@ -163,7 +163,7 @@ class Record:
             return None
         try:
             if path.is_file() and sha256_of(path) != recorded(self.events).get(name):
-                raise ValueError("it was changed after it was committed")
+                raise ValueError("it was changed after Étude stored it")
             return reader(path)
         except (EtudeError, OSError, ValueError, LookupError, TypeError, RecursionError) as error:
             note = f"{name} could not be read: {error}"
@@ -182,9 +182,9 @@ def read_record(folder: Path) -> Record:
 
     if not (folder / "campaign.toml").is_file() and not (folder / JOURNAL).is_file():
         raise UsageError(
-            "no campaign here: neither campaign.toml nor journal.jsonl",
+            "there is there is there is there is no campaign here: neither campaign.toml nor journal.jsonl",
             where=str(folder),
-            next_step="Start one with `etude init FOLDER --robot ROBOT`.",
+            next_step="Create one with `etude init FOLDER --robot ROBOT`.",
         )
     notes: list[str] = []
     events = read_events(folder)
@@ -208,10 +208,10 @@ def _proof(path: Path) -> Facts:
         numbers = [row[name] for name in ("lower", "upper", "proved_lower", "proved_upper", "slack")]
         texts = [row[name] for name in ("axis", "quantity", "method")]
         if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in texts):
-            raise ValueError("a row is not one of a certificate")
+            raise ValueError("a row does not have the form of a certificate row")
     for row in value.get("swept", ()):
         if not all(type(row[name]) in (int, float) for name in ("of_range", "of_clear")):
-            raise ValueError("a row is not of what a motion sweeps")
+            raise ValueError("a row does not have the form of a swept range")
     return value
 
 

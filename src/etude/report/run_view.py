@@ -37,7 +37,7 @@ NICE = 10
 """How far the page stands back behind all that moves the robot."""
 ATOMIC = 4096
 """Bytes that a pipe takes whole or not at all."""
-WAITS = "The next motion is computed. It is shown here once it is there."
+WAITS = "The next motion is being planned. It will be shown here."
 
 
 class RunView:
@@ -66,7 +66,7 @@ class RunView:
         self.address = process.stdout.readline().decode().strip()
         if not self.address:
             self.__exit__(None, None, None)
-            step = "What it said stands above. Leave --view out."
+            step = "Its messages are above. Leave out --view."
             raise EtudeError("the page of the run did not start", next_step=step)
         return self
 

@@ -49,7 +49,7 @@ def script_data(motion: MotionInSpace, record: Record, stream: str) -> str:
         "pieces": [{"start": start, "label": label} for start, label in motion.pieces],
         "joints": _joints(record),
         **_distances(motion, unit),
-        "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of what is kept",
+        "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of the least distance allowed",
         "elsewhere": "told along the whole motion at full speed",
         "stream": stream,
     }

@@ -23,32 +23,35 @@ from etude.storage import write_atomic
 OPEN_ROWS = 6
 """Rows of the certificate that are seen at once, the narrowest first."""
 TEXT = (
-    "Solid is the robot along {title} as it was planned; the blue line is the path of {tips}. The pale skin "
-    "holds all that the robot sweeps. {colour}"
+    "Solid: the robot along {title} as planned. Blue line: the path of {tips}. Pale: the volume that the "
+    "robot sweeps. {colour}"
 )
 COLOUR = (
-    "Lines join what comes nearest, with the distance as planned. Their colour, and that of the parts, tells "
-    "how much is left beyond what is kept. Neighbours, which always pass close, have none."
+    "Lines show the least planned distances. Their colour, and that of the parts, shows the distance "
+    "beyond the allowed minimum. Neighbouring links have no lines."
 )
-HULLS = "The page shows the shapes that distances are computed for: convex hulls, not the finer meshes."
-STICKS = "The description has no shapes, so bars stand for links."
-MEASURED = "Blue is where its log measured the robot."
+HULLS = "The page shows the convex hulls that distances are computed for, not the finer meshes."
+STICKS = "The description has no shapes, so links are drawn as bars."
+MEASURED = "Blue: the robot as measured in its log."
 LIVE = (
-    "Solid is the robot where it is asked to be now, blue where it is measured. The blue line is the path of "
-    "{tips} along {title}, and the pale skin holds all that it sweeps. {colour}"
+    "Solid: the robot at its set-point now. Blue: the measured robot. Blue line: the path of {tips} "
+    "along {title}. Pale: the volume that the robot sweeps. {colour}"
 )
-ENLARGED = "It is drawn {times} times as large as it is."
+ENLARGED = "It is drawn {times} times as large as in reality."
 NO_DISTANCES = "No distance is computed for this robot: collisions are not checked."
-AROUND = "Around it is what the robot's file names: {names}."
-NOTHING = "The robot's file names nothing that stands around it."
-NEAREST = "Nearest as planned, but for neighbours: {pair}, {apart} at {time:.1f} s, where {kept} are kept."
-PROVED = (
-    "The certificate of this file, the narrowest first: what is kept, and what is proved at all times, "
-    "tracking errors taken off."
+AROUND = "Obstacles from the robot's file: {names}."
+NOTHING = "The robot's file names no obstacles."
+NEAREST = (
+    "Least planned distance, without neighbouring links: {pair}, {apart} at {time:.1f} s; at least "
+    "{kept} are required."
 )
-ASK_AGAIN = "Ask for another before the robot moves: etude ask {folder} --new"
+PROVED = (
+    "The certificate of this file, the tightest rows first: the limit, and the range proved at all "
+    "times, with tracking errors subtracted."
+)
+ASK_AGAIN = "Write another trajectory before the robot moves: etude ask {folder} --new"
 CANNOT = "Name a model file in robot.toml (model_file): URDF or MJCF."
-HINT = "Drag: turn. Shift and drag, or two fingers: move. Wheel: nearer. Double click: back."
+HINT = "Drag: rotate. Shift and drag, or two fingers: move. Wheel: zoom. Double click: reset."
 NO_MORE = Html("")
 NO_VIEW = "This browser has no WebGL 2, so the motion cannot be shown in space."
 
@@ -111,7 +114,7 @@ def newest(record: Record, proposal: int | None = None) -> int:
             else f"etude ask {typed(record.folder)}"
         )
         raise UsageError(
-            f"there is no proposal {number}" if proposals else "nothing has been proposed yet",
+            f"there is no proposal {number}" if proposals else "there is no proposal yet",
             where="--proposal" if proposal is not None else str(record.folder),
             next_step=step,
         )
@@ -258,5 +261,5 @@ def _scale(motion: MotionInSpace) -> list[Html]:
         return [paragraph(NO_DISTANCES, class_="missing")]
     return [
         element("ul", class_="nearest"),
-        element("p", "beyond what is kept: 0", element("i"), "100 mm and more", class_="soft scale"),
+        element("p", "beyond the minimum: 0", element("i"), "100 mm and more", class_="soft scale"),
     ]

@@ -87,7 +87,7 @@ class DriverSuite:
             # between two rows, and while a robot of its own clock waits for a set-point that is late
             allowed = np.abs(motion.qdd).max() * period**2 + np.abs(motion.qd).max() * recording.late * period
             off = np.abs(recording.asked - exact).max()
-            assert off <= allowed + 1e-6, f"asked is {off:.3g} off the path at `at`"
+            assert off <= allowed + 1e-6, f"the set-point is {off:.3g} off the path at `at`"
             assert np.abs(recording.q - recording.asked).max() < self.error, "it does not follow"
 
     def test_times_are_the_robots_own_and_fit_the_trajectory(self) -> None:
@@ -112,7 +112,7 @@ class DriverSuite:
             before, motion = player.where(), self._motion(player, off=0.5 * self.way)
             recording = player.play(motion, _go, "feedback")
             assert recording.ended is Ended.REFUSED, f"it ended {recording.ended.value}"
-            assert recording.reason, "it says no reason"
+            assert recording.reason, "it states no reason"
             assert np.abs(player.where().q - before.q).max() < 5e-3, "it moved"
 
     def test_other_joints_and_too_much_are_refused(self) -> None:
@@ -255,7 +255,7 @@ class DriverSuite:
         for name in ("q", "qd", "command", "asked"):
             value = getattr(sample, name)
             assert value is None or np.shape(value) == (len(self.joints),), f"{name} is not (J,)"
-        assert np.isfinite(sample.q).all(), "a position is no number"
+        assert np.isfinite(sample.q).all(), "a position is not a number"
 
     def _require_done(self, recording: Recording, player: Player) -> None:
         assert recording.ended is Ended.DONE, f"it ended {recording.ended.value}: {recording.reason}"
@@ -273,7 +273,7 @@ class DriverSuite:
     def _require_rest(self, recording: Recording) -> None:
         late = recording.t >= recording.t[-1] - LATE
         moved = np.abs(np.ptp(recording.asked[late], axis=0)).max()
-        assert moved <= RESTS * LATE, "it is still asked to move at the end"
+        assert moved <= RESTS * LATE, "its set-points still move at the end"
         if recording.qd is not None:
             assert np.abs(recording.qd[-1]).max() <= RESTS, "it still moves at the end"
 

@@ -43,7 +43,7 @@ class ExporterSuite:
         trajectory = at_rest(here.trajectory(1), here.limits)  # receivers hold the first row and the last
         files = type(self).exporter(trajectory, here.kind, here.spec)
         certificate = certify_played(type(self).exporter, files, here.limits, trajectory)
-        assert certificate.seen, "nothing is proved of what the receiver plays"
+        assert certificate.seen, "nothing is proved of the motion that the receiver plays"
 
     def test_its_receiver_goes_from_rest_to_rest(self) -> None:
         """It holds the first row before, and the last one for ever."""
@@ -97,7 +97,7 @@ class ReaderSuite:
             path.write_bytes(content)
             step = self._refused(path)
             assert step is not None, f"{content[:8]!r}... is not refused"
-            assert step, "the message does not say what to do"
+            assert step, "the message does not state what to do"
 
     def test_files_cut_anywhere_give_an_error_or_whole_rows(self, tmp_path: Path) -> None:
         path = tmp_path / f"run{self.suffix}"

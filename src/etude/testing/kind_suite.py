@@ -297,11 +297,11 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         groups = [np.full(len(log), number, dtype=np.int64) for number, log in enumerate(logs)]
         forth = here.kind.samples(here.spec, here.config, logs, groups)
         back = here.kind.samples(here.spec, here.config, logs[::-1], groups[::-1])
-        assert len(forth) == len(back), "order of telling changes how much is learned"
+        assert len(forth) == len(back), "the order of ingestion changes the number of samples"
         for number in (0, 1):
             a, b = forth.take(forth.group == number), back.take(back.group == number)
             assert np.array_equal(a.command, b.command), (
-                f"order of telling changes the samples of log {number}"
+                f"the order of ingestion changes the samples of log {number}"
             )
 
     def test_the_error_falls_within_two_rounds(self, tmp_path: Path) -> None:

@@ -279,7 +279,7 @@ class CriterionSuite:
         without = self.value(made, X[others], gains[others])
         if self.averaged:
             without *= (INSTANTS - 1) / INSTANTS
-        assert abs(value - without) <= 1e-9 * max(abs(value), 1e-9), "a sample of weight 0 counts"
+        assert abs(value - without) <= 1e-9 * max(abs(value), 1e-9), "a sample of weight 0 is used"
         assert np.abs(in_X[3]).max() < 1e-12, "a sample of weight 0 pulls"
 
     def test_the_sign_of_a_gain_does_not_matter(self) -> None:

@@ -38,7 +38,7 @@ from etude_arm.clearance.path_poses import PosePath, path_of
 from etude_arm.clearance.skeleton import BOX
 from etude_arm.clearance.tracking_distance import Scene, all_keep, lost
 
-METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
+METHOD = "distances of convex hulls at poses, and between them a bound on the motion of their points"
 LOOK = 2
 """Searches check every n-th of a path's first samples."""
 TAKEN = 0.75

@@ -27,8 +27,8 @@ DIGITS = 6
 
 
 NO_FLOOR = f"No floor is assumed at height 0 m, since {{}}{ADD_FLOOR}"
-NOT_THE_PLANE = "The model file's plane at height {:.4g} m is not taken as the floor, since {}."
-ASSUMED = "A floor is assumed at height 0 m, where the base stands: correct [floor], or take it out."
+NOT_THE_PLANE = "The model file's plane at height {:.4g} m is not used as the floor, because {}."
+ASSUMED = "A floor is assumed at height 0 m, at the base: correct [floor], or remove it."
 OF_PLANE = "The floor is the model file's plane at height {:.4g} m: correct [floor] if it is elsewhere."
 BELOW = 0.005
 """m: a base that reaches deeper below a height does not stand on a floor there."""
@@ -78,7 +78,7 @@ def _why_not(loaded: Loaded, lower: Array, upper: Array, around: Surroundings, h
     if below > BELOW:
         return f"the base reaches {below:.3g} m below it"
     sunk = _sunk(bare)
-    return f"{', '.join(sunk)} would always be in it" if sunk else ""
+    return f"{', '.join(sunk)} would always be below it" if sunk else ""
 
 
 def _boxes_below(around: Surroundings) -> str:
@@ -207,8 +207,8 @@ def _object_sentences(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
     if not parts:
         return []
     return [
-        f"What stands around is taken from the model file: {'; '.join(parts)}. Correct [[box]] and [[wall]] "
-        "of robot.toml."
+        f"Obstacles are taken from the model file: {'; '.join(parts)}. Correct [[box]] and [[wall]] of "
+        "robot.toml."
     ]
 
 
@@ -216,11 +216,11 @@ def _base_sentences(on: Sequence[str], others: Sequence[str]) -> list[str]:
     """Sentences on objects in the file's world that no table of a robot file describes."""
     if not on and not others:
         return []
-    parts = [f"{name}, on which the arm stands" for name in on]
-    parts += [f"{name}, no upright box" for name in others]
+    parts = [f"{name}, below the arm" for name in on]
+    parts += [f"{name}, not an upright box" for name in others]
     return [
-        f"Of what stands around in the model file these count as parts of the base: {'; '.join(parts)}. "
-        "Motions keep clear of them, but for the links that hang on the base."
+        f"These obstacles of the model file are treated as parts of the base: {'; '.join(parts)}. Motions "
+        "keep clear of them, except the links next to the base."
     ]
 
 
@@ -228,7 +228,7 @@ def _plane_sentences(walls: Sequence[str]) -> list[str]:
     if not walls:
         return []
     return [
-        f"Planes of the model file that would hold the arm in every pose are left out: {', '.join(walls)}."
+        f"Planes of the model file that would contain the arm in every pose are ignored: {', '.join(walls)}."
     ]
 
 

@@ -153,8 +153,8 @@ def _touching(gaps: Gaps, home: Array, leave: Pairs, by_user: bool) -> list[Gap]
         raise UsageError(
             f"at home {'; '.join(texts[:5])}{' and others' if len(texts) > 5 else ''} overlap",
             where="search.home",
-            next_step="Correct what stands around the robot, give another home or take [search] out of the "
-            "robot file, or name the pair in [collision] ignore.",
+            next_step="Correct the obstacles, state another home or remove [search] from the robot file, "
+            "or name the pair in [collision] ignore.",
         )
     return touching
 

@@ -169,6 +169,6 @@ def hull_sentences(skeleton: Skeleton) -> tuple[str, ...]:
     # mm, rounded up to a tenth
     most = np.ceil(1e4 * max(shape.thickness for shape in skeleton.shapes)) / 10.0
     return (
-        f"The shapes themselves of {', '.join(links)}, of more than {MANY:,} points: hulls of fewer points "
-        f"that hold them, up to {most:.1f} mm larger, are used in their place.",
+        f"The exact shapes of {', '.join(links)}, with more than {MANY:,} points: hulls of fewer "
+        f"points that contain them, up to {most:.1f} mm larger, are used instead.",
     )

@@ -87,7 +87,7 @@ def _take_out(spec: Any, boxed: Sequence[str]) -> None:
         raise UsageError(
             f"the model file has no shape {', '.join(lost)}",
             where="collision.boxed",
-            next_step="Take out of it what boxes no longer stand for.",
+            next_step="Remove boxes that no longer exist from it.",
         )
     for name in boxed:
         spec.delete(shapes[name])
@@ -180,7 +180,7 @@ def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
     unknown = sorted({name for pair in around.collision.ignore for name in pair} - names)
     if unknown:
         raise UsageError(
-            f"nothing is called {', '.join(unknown)}",
+            f"no link or obstacle is called {', '.join(unknown)}",
             where="collision.ignore",
-            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(names))}.",
+            next_step=f"Links with shapes, and obstacles: {', '.join(sorted(names))}.",
         )

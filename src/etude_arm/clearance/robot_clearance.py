@@ -27,7 +27,7 @@ from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec
 
-PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
+PLANE = f"A plane of the model file is ignored{ADD_FLOOR}"
 _cached_reachable: dict[str, Reachable] = {}
 _cached_clearances: dict[str, tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]] = {}
 
@@ -212,12 +212,8 @@ def not_verified(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     """Sentences on what the clearance of this robot does not cover."""
     ignored = [f"The distance of {one} and {other}." for one, other in around.collision.ignore]
     described = any((around.floor, around.box, around.wall, around.room, around.column))
-    others = "Anything else that stands around the robot, cables, and people."
-    unknown = (
-        others
-        if described
-        else "What stands around the robot: no floor, box or wall is given. Cables, people."
-    )
+    others = "Other obstacles, cables, and people."
+    unknown = others if described else "Obstacles: no floor, box or wall is given. Cables, people."
     return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unverified), unknown)
 
 

@@ -215,7 +215,7 @@ def skeleton_of(
     if -1 in numbers or model.nq != len(names) or model.nv != len(names):
         raise UsageError(
             f"the model has {model.nv} degrees of freedom, the file {len(names)} joints: {', '.join(names)}",
-            next_step="Distances need the same joints in both; others must be held.",
+            next_step="Distances need the same joints in both; others must be fixed.",
         )
     welds = sorted({int(body) for body in model.body_weldid})
     place = {weld: i for i, weld in enumerate(welds)}

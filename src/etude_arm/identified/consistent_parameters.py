@@ -271,8 +271,9 @@ def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
             return np.asarray(x + step) if np.isfinite(_barrier(x + step)[0]) else x
         x = x + _length(Q, b, x, step, weight, value, decrease) * step
     raise NumericalError(
-        "no possible inertias were found that explain the commands",
-        next_step="Look at etude inspect: are the commands forces at the joints, with the right signs?",
+        "no physically possible inertias explain the commands",
+        next_step="Use etude inspect to check whether the commands are forces at the joints, with the "
+        "right signs.",
     )
 
 

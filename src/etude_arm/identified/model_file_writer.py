@@ -136,7 +136,7 @@ def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointT
         return {name: text.encode(), **_with_drives(name, text, joints), **files}
     except ValueError as problem:
         raise UsageError(
-            f"MuJoCo cannot write the model anew: {str(problem).strip()}", where=str(spec.model_file)
+            f"MuJoCo cannot write the model: {str(problem).strip()}", where=str(spec.model_file)
         ) from None
 
 

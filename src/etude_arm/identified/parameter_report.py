@@ -207,16 +207,14 @@ def _plain(name: str) -> str:
 def _inertial_sentences(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
     """Sentences on the inertial parameters."""
     if not inertial:
-        return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
+        return [f"Commands are in {spec.command_unit}, so masses need the motors' constants."]
     counts = [sum(row["known"] == word for row in inertial) for word in KNOWN]
     base = len(inertial) - counts[-1]
     parts = ", ".join(f"{n} {word}" for n, word in zip(counts, KNOWN, strict=True) if n)
-    sentences = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
+    sentences = [f"Motions can identify {base} combinations of {len(fit.theta)} parameters: {parts}."]
     if fit.own_scale.any():
         others = [name for name, is_own in zip(spec.names, fit.own_scale, strict=True) if is_own]
-        sentences.append(
-            f"The commands of {', '.join(others)} are of another scale: no mass follows from them."
-        )
+        sentences.append(f"The commands of {', '.join(others)} have another scale, so they identify no mass.")
     return sentences
 
 
@@ -233,7 +231,9 @@ def _dead_band_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     """A sentence on joints with an undecided dead band, for commands that are not forces."""
     nats = np.abs(friction.evidence[:, DEAD_BAND])
     names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
-    sentence = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
+    sentence = (
+        f"The logs do not determine the dead band of {', '.join(names)}: Coulomb friction contains one."
+    )
     return [sentence] * bool(names and spec.command_unit not in FORCES)
 
 
@@ -246,8 +246,9 @@ def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]
 
 
 WITHOUT = (
-    "No model file says masses, so that friction alone follows, as what changes its sign with the speed. "
-    "Armature, friction by load and by direction, offset, dead band and backlash are not told."
+    "No model file states masses, so only friction is identified, as the part that changes its sign with "
+    "the speed. Armature, friction by load and by direction, offset, dead band and backlash are not "
+    "reported."
 )
 
 
@@ -256,7 +257,7 @@ def _interval_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     without_interval = np.any(friction.terms, axis=1) & ~np.any(friction.deviation, axis=1)
     names = [name for name, one in zip(spec.names, without_interval.tolist(), strict=True) if one]
     few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"
-    return [f"No interval is stated for {', '.join(names)}: {few}. Tell a log with more."] * bool(names)
+    return [f"No interval is stated for {', '.join(names)}: {few}. Ingest a log with more."] * bool(names)
 
 
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
@@ -268,7 +269,7 @@ def _friction_text(terms: Array, deviation: Array, unit: str, joint: str, shown:
         for k, term in enumerate(TERMS)
         if (joint, term) in shown
     ]
-    return f"{', '.join(named)} ({unit}, s)" if named else "no term is shown by the logs"
+    return f"{', '.join(named)} ({unit}, s)" if named else "the logs show no term"
 
 
 def _readme(
@@ -288,11 +289,11 @@ def _readme(
     return f"""# Parameters of {spec.name}, with 95 % intervals
 
 {sentences}
-- measured: the logs took away {MEASURED:.0%} of the variance that the file leaves, partly: {PARTLY:.0%}.
-- m c and I are about the link's own origin, along its axes. Drives feel armature and friction as they stand.
+- measured: the logs removed {MEASURED:.0%} of the variance of the file's value, partly: {PARTLY:.0%}.
+- m c and I are about the link's own origin, along its axes. Armature and friction are those at the drives.
 - friction.h is the friction as a C function, with the speeds of Stribeck's dip and the dead band.
-- Dead band: the largest command that makes no torque. Backlash: between encoder and link. No log shows one
-  between motor and encoder.
+- Dead band: the largest command that makes no torque. Backlash: between encoder and link. Logs cannot show
+  one between motor and encoder.
 - Evidence: nats for the term against none; a term is shown above {SHOWN:g}.
 
 | parameter | value | 95 % | unit | file | known |

@@ -115,11 +115,11 @@ def _played_sentences(name: str, played: Replayed | None, fit: Identified, spec:
     cogs = [name for name, terms in fit.joints.items() if terms.cogging]
     ripple = ", ".join(f"{joint} {digits(size)} {unit}" for joint, unit, size in waves if joint in cogs)
     dips = ", ".join(name for name, terms in fit.joints.items() if terms.dip is not None)
-    second = [f"cogging, which was told from gravity (rms: {ripple})"] * bool(ripple)
+    second = [f"cogging, separated from gravity (rms: {ripple})"] * bool(ripple)
     second += [f"Stribeck's dip ({dips})"] * bool(dips)
     return [
-        "MuJoCo's inverse dynamics of the file errs on the logs by, with the drives' terms by (the model's "
-        f"physics by): {parts}.",
+        "Errors on the logs of MuJoCo's inverse dynamics of the file, with the drives' terms (and of the "
+        f"model's physics): {parts}.",
         f"{with_drives(name)}, for MuJoCo 4, has these terms: {' and '.join(second)}."
         if second
         else "The logs show no cogging and no Stribeck's dip.",
@@ -146,8 +146,8 @@ def _require_forces(spec: Any) -> None:
         )
     if spec.command_unit not in FORCES:
         raise UsageError(
-            f"commands of '{spec.name}' are in {spec.command_unit}: without the motors' constants no inertia "
-            "in kg m^2 follows from them",
+            f"commands of '{spec.name}' are in {spec.command_unit}: inertias in kg m^2 need the motors' "
+            "constants",
             next_step="Record torques (N m) instead, or export the model itself: --to c.",
         )
 
@@ -191,28 +191,29 @@ def _count(rows: list[dict[str, Any]], source: str) -> int:
 def _summary_sentences(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     errors = fit.errors
     sentences = [
-        f"Any motion could show {fit.shown} combinations of inertial parameters and armatures; the logs "
+        f"Motions can identify {fit.shown} combinations of inertial parameters and armatures; the logs "
         f"measured {fit.measured} of them.",
         f"Of {len(rows)} single inertial parameters {_count(rows, 'measured')} are measured, "
-        f"{_count(rows, 'partly')} partly, "
-        f"{_count(rows, 'from the file')} are the file's.",
+        f"{_count(rows, 'partly')} partly, {_count(rows, 'from the file')} are from the file.",
     ]
     if errors.segments:
         pairs = zip(spec.names, spec.command_units, errors.file, errors.identified, strict=True)
         parts = ", ".join(
             f"{name} {digits(before)} -> {digits(after)} {unit}" for name, unit, before, after in pairs
         )
-        sentences.append(f"Error on segments left out: {parts}.")
+        sentences.append(f"Error on held-out segments: {parts}.")
         ratios = dict(zip(spec.names, errors.identified / errors.file, strict=True))
         worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
         if worse:
             sentences.append(
-                f"On {', '.join(worse)} the file's own inertias predict better: do not use these."
+                f"On {', '.join(worse)} the file's original inertias predict better: do not use these."
             )
         elif all(ratio > 1.0 - NOTHING for ratio in ratios.values()):
-            sentences.append("The file's own inertias predict as well.")
+            sentences.append("The file's original inertias predict equally well.")
     else:
-        sentences.append("One segment alone: whether these inertias are better than the file's is not known.")
+        sentences.append(
+            "There is only one segment: it is unknown whether these inertias are better than the file's."
+        )
     return sentences
 
 
@@ -222,10 +223,10 @@ def _addition_sentences(name: str, spec: ArmSpec, bodies: Mapping[str, Array]) -
     if not carried:
         return []
     if not name.endswith(".urdf"):
-        return [f"What robot.toml adds, {' and '.join(carried)}, is in the file."]
+        return [f"The additions of robot.toml, {' and '.join(carried)}, are in the file."]
     tables = [f"[{what}] {_attached_text(bodies[what])}" for what in carried if what in bodies]
-    beside = f" Its errors are those beside the identified values: {'; '.join(tables)}." if tables else ""
-    return [f"What robot.toml adds, {' and '.join(carried)}, is not in the file, as before.{beside}"]
+    beside = f" Its errors are relative to the identified values: {'; '.join(tables)}." if tables else ""
+    return [f"The additions of robot.toml, {' and '.join(carried)}, are not in the file, as before.{beside}"]
 
 
 def _attached_text(phi: Array) -> str:
@@ -266,10 +267,10 @@ def _readme(
     return f"""# {name}: {spec.name} with identified inertias
 
 {sentences}
-- Every link's inertia is one that a body can have{"" if possible else ": NO, do not use this file"}.
-- Only combinations of parameters show in the joints' forces. What they leave open is as near to the model
-  file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
-  away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
+- Every link's inertia is physically possible{"" if possible else ": NO, do not use this file"}.
+- Only combinations of parameters show in the joints' forces. The other combinations stay as near as possible
+  to the model file; `share` in identifiability.csv is the part of a parameter's variance that the logs
+  removed (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
 - Friction and damping of the joints are written too. Armature, which a URDF has no place for:
   {_armature(fit, spec)}.
 

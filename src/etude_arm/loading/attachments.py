@@ -80,9 +80,10 @@ class Attached:
         moments = self.moments()
         if possible(moments) is not moments:
             raise UsageError(
-                f"no body has this inertia: {list(self.inertia or ())}",
+                f"no body can have this inertia: {list(self.inertia or ())}",
                 where="inertia",
-                next_step="Each principal moment is positive, and none above the sum of the others (kg m^2).",
+                next_step="Each principal moment must be positive, and at most the sum of the others (kg "
+                "m^2).",
             )
 
     def moments(self) -> Array:

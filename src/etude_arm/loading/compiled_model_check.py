@@ -58,10 +58,9 @@ def refuse(differences: list[str], where: str) -> None:
     if differences:
         more = f"; and {len(differences) - SHOWN} more" if len(differences) > SHOWN else ""
         raise UnsafeModelError(
-            "the compiled model is another robot than its description: "
-            f"{'; '.join(differences[:SHOWN])}{more}",
+            f"the compiled model differs from its description: {'; '.join(differences[:SHOWN])}{more}",
             where=where,
-            next_step="Nothing is made of such a model: its forces and distances would be wrong. Please "
+            next_step="Such a model is not used, because its forces and distances would be wrong. Please "
             "report it with the model file and robot.toml.",
         )
 

@@ -54,8 +54,8 @@ def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     if not why:
         return ()
     return (
-        f"Inertias of the model file look like placeholders: {'; '.join(why)}. Before the first log forces "
-        "are as good as they are: are they right?",
+        f"Inertias of the model file look like placeholders: {'; '.join(why)}. Before the first log, "
+        "forces depend on them: check them.",
     )
 
 
@@ -118,7 +118,7 @@ def check_lengths(loaded: Loaded) -> None:
         across = 2.0 * float(model.geom_rbound[geom])
         if across > LARGEST and int(model.geom_bodyid[geom]):
             what = f"a shape of '{model.geom(geom).name.rpartition('#')[0]}' is {across:.3g} m across"
-            raise _in_mm(what, 'A mesh in mm needs scale="0.001 0.001 0.001" beside its name.', loaded)
+            raise _in_mm(what, 'A mesh in mm needs scale="0.001 0.001 0.001" after its name.', loaded)
 
 
 def _in_mm(what: str, mend: str, loaded: Loaded) -> UsageError:

@@ -24,8 +24,9 @@ SMALLEST = 1e-9
 """kg m^2: least principal moment; smaller ones are raised to it."""
 NO_MASS = 1e-6  # kg
 NO_MASSES = (
-    "The model file gives no masses (<inertial>): joints and shapes count, forces are learned from logs "
-    "alone. Motions are not held within command limits before that, and nothing is rehearsed."
+    "The model file gives no masses (<inertial>): only joints and shapes are used, and forces are "
+    "learned from logs alone. Before that, motions are not checked against command limits, and no "
+    "rehearsal is possible."
 )
 ENTRIES = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 
@@ -80,9 +81,9 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
         return Masses({}, (NO_MASSES,))
     notes = []
     if empty:
-        notes.append(f"No mass is given for what {', '.join(empty)} carries: is that so?")
+        notes.append(f"No mass is given for the part that {', '.join(empty)} carries: check this.")
     if repaired:
-        notes.append(f"Inertias that no body can have were repaired: {'; '.join(repaired)}.")
+        notes.append(f"Physically impossible inertias were repaired: {'; '.join(repaired)}.")
     return Masses(elements, tuple(notes))
 
 

@@ -122,7 +122,7 @@ def no_arm(moving: Sequence[Moving], where: str) -> UsageError:
         "no arm: no chain of two or more joints begins at the base, without fingers (by name) and joints "
         f"that follow others (moving joints: {', '.join(joint.name for joint in moving)})",
         where=where,
-        next_step=f"Choose joints with --joints if it should learn all the same{example(moving)}.",
+        next_step=f"Choose joints with --joints to learn it anyway{example(moving)}.",
     )
 
 
@@ -150,7 +150,7 @@ def choose(
         notes += _held_sentences(moving, held) + _finger_sentences(moving, joints)
     if held:
         stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
-        unverified = [f"held joints are taken to stay where they are: {stays}", *unverified]
+        unverified = [f"fixed joints are assumed to stay at their positions: {stays}", *unverified]
     return Choice(joints, held, tuple(notes), tuple(unverified))
 
 
@@ -159,7 +159,7 @@ def _held_sentences(moving: Sequence[Moving], held: Mapping[str, float]) -> list
     joints = _by_name(moving)
     units = {name: "m" if joints[name].slides else "rad" for name in held}
     stand = [f"'{name}' at {at:.4g} {units[name]}" for name, at in held.items() if not joints[name].leader]
-    return [f"Joints are held: {', '.join(stand)}. Name in --joints what should move."] if stand else []
+    return [f"These joints are fixed: {', '.join(stand)}. Name moving joints in --joints."] if stand else []
 
 
 def _finger_sentences(moving: Sequence[Moving], joints: Sequence[str]) -> list[str]:
@@ -170,7 +170,7 @@ def _finger_sentences(moving: Sequence[Moving], joints: Sequence[str]) -> list[s
         return []
     others = " ".join(joints[:-1])
     return [
-        f"Joint '{tip.name}' moves '{tip.carries}': if that is a finger, leave it out, --joints {others}."
+        f"Joint '{tip.name}' moves '{tip.carries}': if that is a finger, exclude it with --joints {others}."
     ]
 
 
@@ -197,7 +197,7 @@ def _selected(moving: Sequence[Moving], patterns: Sequence[str], where: str) -> 
             raise UsageError(
                 f"joint '{name}' follows '{leader}' (<mimic>)",
                 where=where,
-                next_step=f"Name '{leader}' instead: a joint that follows another is no axis of its own.",
+                next_step=f"Name '{leader}' instead: a joint that follows another is not a separate axis.",
             )
     if not chosen:
         raise UsageError("no joint is named", where=where, next_step=f"Choose of {', '.join(names)}.")
@@ -223,8 +223,8 @@ def _only_arm(moving: Sequence[Moving], where: str) -> tuple[str, ...]:
         raise UsageError(
             f"several limbs begin at the base: {described(limbs, after)}",
             where=where,
-            next_step="Is the base bolted down? Then choose an arm, for example "
-            f"{option(limbs, after, moving)}. Robots that walk or fly are none of this kind.",
+            next_step="If the base is bolted down, choose one arm, for example "
+            f"{option(limbs, after, moving)}. Walking or flying robots do not belong to this kind.",
         )
     if not limbs:
         if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower) and _carries_all(free[0], moving):
@@ -269,12 +269,12 @@ def _next(
     long = [one for one in branches if length(one, after) >= 2]
     if len(long) > 1:
         hand = ends_in_hand(path, branches, after)
-        choose = "Are they a hand? Then choose what carries it" if hand else "Choose one"
+        choose = "If they are a hand, choose the arm that carries it" if hand else "Choose one"
         shown = option(path[:1] if hand else long, after, moving)
         raise UsageError(
             f"several limbs begin after joint '{path[-1].name}': {described(long, after)}",
             where=where,
-            next_step=f"{choose}, for example {shown}; the others are held.",
+            next_step=f"{choose}, for example {shown}; the others are fixed.",
         )
     return long[0] if long else None
 
@@ -296,22 +296,23 @@ def _held_positions(
         if joint.leader in joints and name not in positions:
             stand[name] = joint.factor * stand[joint.leader] + joint.offset
             if joint.leader in chosen:
-                unverified.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")
+                unverified.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), but is fixed here")
     return {name: stand[name] for name in joints if name not in chosen}, unverified
 
 
 def _check_given(joint: Moving, at: float, chosen: Sequence[str], where: str) -> None:
     if joint.name in chosen:
         raise UsageError(
-            f"joint '{joint.name}' moves, so it cannot be held",
+            f"joint '{joint.name}' moves, so it cannot be fixed",
             where=where,
-            next_step="Leave it out of --joints, or out of --hold.",
+            next_step="Remove it from --joints or from --hold.",
         )
     # rad or m: positions in files have six digits
     slack = 1e-6
     if not joint.lower - slack <= at <= joint.upper + slack:
         raise UsageError(
-            f"joint '{joint.name}' cannot be held at {at:g}: its range is {joint.lower:g} to {joint.upper:g}",
+            f"joint '{joint.name}' cannot be fixed at {at:g}: its range is {joint.lower:g} to "
+            f"{joint.upper:g}",
             where=where,
             next_step="Positions are in rad, or m for a sliding joint.",
         )

@@ -112,7 +112,7 @@ def refused(problem: ValueError, where: str = "") -> UsageError:
     return UsageError(
         f"MuJoCo cannot load the model: {message}",
         where=where,
-        next_step="Every moving link needs a mass and an inertia of its own."
+        next_step="Every moving link needs its own mass and inertia."
         if of_masses
         else "Correct that place of the model file.",
     )

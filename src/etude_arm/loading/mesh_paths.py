@@ -172,8 +172,9 @@ class MeshPaths:
             key = f"{scheme}://{package}" if scheme else "", _holder(path, inside)
             by_folder.setdefault(key, []).append(inside)
         return tuple(
-            f"{_lacking(package, self.model)} {_few(list(dict.fromkeys(inside)))} what lies below {folder} "
-            "is taken. If that is another's, name the folder that is meant with --mesh-root."
+            f"{_lacking(package, self.model)} {_few(list(dict.fromkeys(inside)))} the files below "
+            f"{folder} are used. If they belong to another package, name the right folder with "
+            "--mesh-root."
             for (package, folder), inside in by_folder.items()
         )
 
@@ -204,7 +205,7 @@ class MeshPaths:
             raise UsageError(
                 f"several packages below {root} are called {package}: {', '.join(map(str, packages))}",
                 where=f"{package}/{inside}",
-                next_step=f"Name the folder that is meant: --mesh-root {shlex.quote(str(packages[0]))}",
+                next_step=f"Name the right folder: --mesh-root {shlex.quote(str(packages[0]))}",
             )
 
     def _guess(self, name: str) -> Path | None:

@@ -22,7 +22,7 @@ from etude.errors import UsageError
 from etude.types import Array, Index
 from etude_arm.physics.kinematics import axis_rotation
 
-ANEW = "Export it anew, or take its shape out of the model file."
+ANEW = "Export it again, or remove its shape from the model file."
 POINTER = b"version https://git-lfs"
 OBJ_WORDS = frozenset(b"v vt vn vp f l p g o s mg usemtl mtllib usemap maplib".split())
 STL_HEAD, STL_FACET = 84, 50  # bytes
@@ -42,7 +42,8 @@ def read_triangles(path: Path) -> Array:
         raise UsageError(
             f"meshes of the form '{path.suffix}' are not read",
             where=str(path),
-            next_step=f"Convert it to one of {', '.join(READERS)}, beside it and under the same name.",
+            next_step=f"Convert it to one of {', '.join(READERS)}, in the same folder and with the same "
+            "name.",
         )
     try:
         data = path.read_bytes()
@@ -54,10 +55,10 @@ def read_triangles(path: Path) -> Array:
         raise UsageError(
             "the file holds no mesh" + (", but a pointer of Git LFS to one" if pointer else ""),
             where=str(path),
-            next_step="Fetch it: git lfs pull, where it was cloned." if pointer else ANEW,
+            next_step="Fetch it with git lfs pull in the cloned folder." if pointer else ANEW,
         )
     if not np.all(np.isfinite(triangles)):
-        raise UsageError("the mesh has corners that are no numbers", where=str(path), next_step=ANEW)
+        raise UsageError("the mesh has vertices that are not numbers", where=str(path), next_step=ANEW)
     return triangles
 
 
@@ -294,7 +295,7 @@ class _Ascii:
     def _next(self) -> float:
         word = next(self.words, None)
         if word is None:
-            raise ValueError("the file is shorter than its header says")
+            raise ValueError("the file is shorter than its header states")
         return float(word)
 
 
@@ -339,7 +340,7 @@ def glb_triangles(data: bytes) -> Array:
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
     """The JSON and the numbers."""
     if data[:4] != MAGIC or int.from_bytes(data[4:8], "little") != 2:
-        raise ValueError("this is no binary glTF of version 2")
+        raise ValueError("this is not binary glTF of version 2")
     chunks, at = {}, HEAD
     while at + 8 <= len(data):
         size = int.from_bytes(data[at : at + 4], "little")
@@ -351,7 +352,7 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
 def _shown(content: dict[str, Any], numbers: bytes, at: int, above: Array, depth: int) -> Iterator[Array]:
     """The triangles of a node and of those below it, in the scene's frame."""
     if depth > DEEPEST:
-        raise ValueError("its nodes hang on each other in a circle")
+        raise ValueError("its nodes form a circle")
     node = content["nodes"][at]
     frame = above @ _frame(node)
     if "mesh" in node:
@@ -398,7 +399,7 @@ def _accessed(content: dict[str, Any], numbers: bytes, at: int) -> Any:
     step = (view.get("byteStride", size * dtype.itemsize), dtype.itemsize)
     needed = (count - 1) * step[0] + size * step[1]
     if start + needed > len(numbers):
-        raise ValueError("it ends before its numbers do")
+        raise ValueError("it ends before its numbers")
     return np.ndarray((count, size), dtype, numbers, start, step)
 
 

@@ -109,12 +109,12 @@ def check_loops(model: mujoco.MjModel, choice: Choice, where: str) -> None:
             one, other = (int(model.site_bodyid[e]) if of_sites else e for e in (first, second))
             if part_of(model, choice, one) != part_of(model, choice, other) and not _led(model, (one, other)):
                 raise UsageError(
-                    f"the file closes a loop: '{name_of(model, one)}' and '{name_of(model, other)}' are held "
-                    "together, and joints that should move lie between them",
+                    f"the file closes a loop: '{name_of(model, one)}' and '{name_of(model, other)}' are "
+                    "connected, with moving joints between them",
                     where=where,
                     next_step="Only open chains have an inverse dynamics here: choose joints outside the "
-                    f"loop{_outside(model, choice, (one, other))}, or take the equality out of a copy of the "
-                    "file if the robot has none.",
+                    f"loop{_outside(model, choice, (one, other))}, or remove the equality from a copy "
+                    "of the file if the robot has none.",
                 )
         elif model.eq_type[k] == JOINT and second < 0 and model.joint(first).name in choice.joints:
             name, at = model.joint(first).name, float(model.eq_data[k, 0]) + _zero(model, first)
@@ -159,25 +159,25 @@ def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
     notes = []
     if off:
         notes.append(
-            "The file switches gravity off: torques here have none. Correct its <option> unless that is so."
+            "The file disables gravity, so torques here have none. Correct its <option> unless this is right."
         )
     elif np.abs(model.opt.gravity - DOWN).max() > CLOSE:
         gravity = ", ".join(f"{x:g}" for x in model.opt.gravity)
-        notes.append(f"Gravity in the file is ({gravity}) m/s^2, not 9.81 downwards along z: is that so?")
+        notes.append(f"Gravity in the file is ({gravity}) m/s^2, not 9.81 downwards along z: check this.")
     light = [name_of(model, b) for b in range(1, model.nbody) if model.body_gravcomp[b] and not off]
     moved = [name for name in light if part_of(model, choice, model.body(name).id)] if light else []
     if moved:
         notes.append(
-            f"The file takes the weight off {', '.join(moved)} (gravcomp): right only if something beside "
-            "the joints' drives carries them."
+            f"The file compensates the weight of {', '.join(moved)} (gravcomp): right only if something "
+            "other than the joints' drives carries them."
         )
     if idle := _idle(model, choice):
         notes.append(
-            f"No actuator of the file drives {', '.join(idle)}: leave out with --joints what moves by itself."
+            f"No actuator of the file drives {', '.join(idle)}: exclude joints without a drive with --joints."
         )
     springs = [name for name, t in _tendons(model, choice) if np.ravel(model.tendon_stiffness[t])[0] > 0.0]
     if springs:
-        notes.append(f"The springs of tendons are left out: {', '.join(springs)}.")
+        notes.append(f"The springs of tendons are ignored: {', '.join(springs)}.")
     sprung = [name for name in choice.joints if np.ravel(model.joint(name).stiffness)[0] > 0.0]
     if sprung:
         notes.append(
@@ -242,8 +242,8 @@ def load_mjcf(
     exception = "".join(f" although '{name}' leaves it free" for name in _floating(model))
     lost = [f"the shape of {what}: its mesh is missing" for what in compilation.shapeless]
     bodies = [body for _, body in _lying(model)]
-    stays = [f"'{body}' lies free and is taken to stay where the file puts it" for body in bodies]
-    base = f"the base is taken to be fixed{exception}"
+    stays = [f"'{body}' is free and assumed to stay at its position in the file" for body in bodies]
+    base = f"the base is assumed to be fixed{exception}"
     unverified = (
         base,
         *stays,
@@ -253,7 +253,7 @@ def load_mjcf(
         *new.unverified,
         *added.unverified(),
     )
-    lying = [f"Bodies that lie free are taken to stay where the file puts them: {', '.join(bodies)}."]
+    lying = [f"Free bodies are assumed to stay at their positions in the file: {', '.join(bodies)}."]
     notes = (
         *choice.notes,
         *(lying if bodies else ()),
@@ -283,8 +283,9 @@ def chosen_in(
             f"{'' if ball else 'the base is not fixed: '}joint '{floating[0]}' {what}",
             where=where,
             next_step="Only hinge and slide joints on a fixed base have an inverse dynamics here. "
-            f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints, "
-            f"of {', '.join(joint.name for joint in moving(model)) or 'none'}{example(moving(model))}.",
+            f"{'If it can be fixed' if ball else 'If the base does not move'}, choose the arm with "
+            "--joints, of "
+            f"{', '.join(joint.name for joint in moving(model)) or 'none'}{example(moving(model))}.",
         )
     choice = choose(moving(model), patterns, positions, where)
     check_loops(model, choice, where)

@@ -60,7 +60,7 @@ def compiled(path: Path) -> Compiled:
 
 def _missing(files: list[str]) -> str:
     few = f"{', '.join(files[:5])}{' and others' if len(files) > 5 else ''}"
-    return f"Meshes are missing: {few}. They belong where the file's meshdir says."
+    return f"Meshes are missing: {few}. They belong in the folder that the file states as meshdir."
 
 
 def _without_pictures(spec: Any, path: Path) -> tuple[list[str], list[str]]:
@@ -170,9 +170,14 @@ def shapes_of_bodies(
             unverified.append(f"the shape of body '{name_of(model, part)}': the file has none")
         moving = [b for b in bodies if model.body_weldid[b]]  # fixed bodies: see mjcf_beside
         if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
-            notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
+            notes.append(
+                f"A plane that body '{name_of(model, part)}' carries is ignored, because it is infinite."
+            )
     if drawn and some:  # a file without collision geoms does not exclude collisions on purpose
-        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
+        notes.append(
+            f"The visual geometry of {', '.join(drawn)} is used as shape, because they have no "
+            "collision geometry."
+        )
     return chosen, tuple(notes)
 
 
@@ -180,7 +185,7 @@ def _only_drawn(model: mujoco.MjModel, geoms: Sequence[int], solid: Sequence[int
     """A sentence on bodies beside the robot without collision geoms, such as marks and targets."""
     bodies, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
     names = dict.fromkeys(name_of(model, b) for b in bodies if b not in hard)
-    return [f"What is only drawn beside the robot is left out: {', '.join(names)}."] if names else []
+    return [f"Visual geometry outside the robot is ignored: {', '.join(names)}."] if names else []
 
 
 def part_of(model: mujoco.MjModel, choice: Choice, b: int) -> int:

@@ -80,8 +80,8 @@ class _Writer:
                 moves = True
             elif moves and name in self.choice.held:
                 raise UsageError(
-                    f"joint '{name}' cannot be held: one before it in its body moves",
-                    next_step="Give it a body of its own in the model file.",
+                    f"joint '{name}' cannot be fixed: one before it in its body moves",
+                    next_step="Give it a separate body in the model file.",
                 )
             elif name in self.choice.held:
                 away = self.choice.held[name] - float(m.qpos0[m.jnt_qposadr[j]])

@@ -66,9 +66,9 @@ def overlap_sentences(overlaps: Overlaps, ignored: Collection[tuple[str, str]]) 
         return ()
     text = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in shares.items())
     return (
-        f"Shapes overlap in most poses, which leaves motions little room: {text}. If these links do not "
-        "meet on the robot, their shapes are too large or out of place in the model file: correct them, or "
-        "name the pair in ignore of [collision].",
+        f"Shapes overlap in most poses, which leaves little room for motions: {text}. If these links do "
+        "not touch on the robot, their shapes are too large or misplaced in the model file: correct "
+        "them, or name the pair in ignore of [collision].",
     )
 
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 MESHES = "robot_meshes"
 DRAWN = (
-    "Hulls that often overlap others stand for the shapes of {} in the model file: slabs of what is drawn of "
-    "them, which fills these hulls, are taken instead."
+    "Hulls of the shapes of {} in the model file often overlap others: slabs of their visual geometry, "
+    "which fill these hulls, are used instead."
 )
 EMPTY = b"# empty\n"
 DEEPEST = 20

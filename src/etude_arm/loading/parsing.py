@@ -16,7 +16,7 @@ from etude.errors import UsageError
 
 NEXT = {
     "mujocoinclude": "Name the file that includes this one.",
-    "sdf": "SDF is not read: take the URDF or the MJCF of the robot.",
+    "sdf": "SDF is not supported: use the URDF or the MJCF of the robot.",
 }
 
 
@@ -34,7 +34,7 @@ def parsed(path: Path) -> ET.Element:
         raise UsageError(
             f"not a readable URDF or MJCF file: {problem}",
             where=str(path),
-            next_step="Take the file anew, or correct that place of it.",
+            next_step="Restore the file, or correct that place of it.",
         ) from None
     if _to_be_expanded(root) or path.suffix == ".xacro":
         raise UsageError(
@@ -84,7 +84,7 @@ def _refuse_repeated(root: ET.Element, path: Path) -> None:
         for name, count in Counter(element.get("name", "") for element in root.findall(tag)).items():
             if count > 1 or not name:
                 what = f"{tag} '{name}' is described {count} times" if name else f"a {tag} has no name"
-                raise UsageError(what, where=str(path), next_step=f"Give each {tag} a name of its own.")
+                raise UsageError(what, where=str(path), next_step=f"Give each {tag} a different name.")
 
 
 WORLD = "world"

@@ -128,7 +128,10 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
         drawn += [] if solid else shaped
         unverified += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
     if drawn:
-        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions.")
+        notes.append(
+            f"The visual geometry of {', '.join(drawn)} is used as shape, because they have no "
+            "collision geometry."
+        )
     notes += meshes.paths.notes
     if meshes.missing:
         names = ", ".join(map(meshes.paths.in_words, dict.fromkeys(meshes.missing)))
@@ -138,7 +141,7 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
         )
     if meshes.empty:
         names = ", ".join(dict.fromkeys(meshes.empty))
-        notes.append(f"Meshes are empty: {names}. Has the link no shape? Else export them anew.")
+        notes.append(f"Meshes are empty: {names}. If the links have shapes, export the meshes again.")
     return Shapes(elements, meshes.assets, tuple(notes), tuple(unverified))
 
 
@@ -169,7 +172,7 @@ def check_primitive(shape: ET.Element, place: str) -> None:
         raise UsageError(
             f"a shape <{shape.tag}> is not known",
             where=place,
-            next_step=f"URDF has {', '.join(SIZES)} and mesh: correct it, or take it out.",
+            next_step=f"URDF has {', '.join(SIZES)} and mesh: correct or remove it.",
         )
     for key, count in SIZES[shape.tag].items():
         sizes = numbers(shape.get(key), "", place)
@@ -213,14 +216,14 @@ def _stand_in(
             new for shape in tree.links[link].findall("visual") for new in _of_shape(shape, link, meshes)
         ]
         if drawn:
-            unverified.append(f"the shape of link '{link}': {lack}, what is drawn was taken")
+            unverified.append(f"the shape of link '{link}': {lack}, so the visual geometry is used")
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
     if not end.any():  # the last link: the file does not state its length
-        unverified.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
+        unverified.append(f"the shape of link '{link}': {lack}, and there is no replacement")
         return []
-    unverified.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
+    unverified.append(f"the shape of link '{link}': {lack}, so a capsule is assumed")
     return [_capsule(end)]
 
 
@@ -366,16 +369,16 @@ def chosen_of(tree: UrdfTree, patterns: Sequence[str] | None, positions: Mapping
         raise UsageError(
             f"the base is not fixed: joint '{floating[0]}' is floating or planar",
             where=tree.where,
-            next_step="Only a robot on a fixed base has an inverse dynamics here. If the base stands still, "
-            f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}"
-            f"{example(tree.moving())}.",
+            next_step="Only a robot on a fixed base has an inverse dynamics here. If the base does not "
+            "move, choose the arm with --joints, of "
+            f"{', '.join(j.name for j in tree.moving()) or 'none'}{example(tree.moving())}.",
         )
     return choose(tree.moving(), patterns, positions, tree.where)
 
 
 def _base(tree: UrdfTree) -> tuple[str, ...]:
     exception = "".join(f" although '{name}' is floating or planar" for name in tree.floating())
-    return (f"the base '{tree.root}' is taken to be fixed{exception}",)
+    return (f"the base '{tree.root}' is assumed to be fixed{exception}",)
 
 
 def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> ET.Element:

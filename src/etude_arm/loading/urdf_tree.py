@@ -80,7 +80,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
         for name in (parent(joint), child(joint)):
             if name not in links:
                 raise UsageError(
-                    f"joint '{joint.get('name')}' names a link '{name}' that is not there",
+                    f"joint '{joint.get('name')}' names a link '{name}' that does not exist",
                     where=where,
                     next_step="Name the whole robot's file if this is a part of it; else correct the joint.",
                 )
@@ -89,12 +89,14 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
                 f"link '{child(joint)}' is the child of two joints: {carried[child(joint)].get('name')}, "
                 f"{joint.get('name')}",
                 where=where,
-                next_step="URDF knows trees only: cut the loop.",
+                next_step="URDF supports only trees: cut the loop.",
             )
         carried[child(joint)] = joint
     bases = [name for name in links if name not in carried]
     if not links:
-        raise UsageError("the file describes no link", where=where, next_step="Is it the expanded URDF?")
+        raise UsageError(
+            "the file describes no link", where=where, next_step="Perhaps the file is not the expanded URDF."
+        )
     if len(bases) != 1:
         raise UsageError(
             f"the file has {len(bases)} base links{': ' if bases else ''}{', '.join(bases)}",
@@ -104,7 +106,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
     ordered = list(_outwards(bases[0], root.findall("joint")))
     if len(ordered) < len(carried):
         raise UsageError(
-            "the joints go in a circle", where=where, next_step="URDF knows trees only: cut the loop."
+            "the joints form a circle", where=where, next_step="URDF supports only trees: cut the loop."
         )
     check_joints(ordered, where)
     return UrdfTree(bases[0], links, ordered, where)
@@ -207,7 +209,7 @@ def _check_leaders(joints: Mapping[str, ET.Element], where: str) -> None:
                 raise UsageError(
                     f"joint '{name}' follows {leader} (<mimic>)",
                     where=where,
-                    next_step="Correct <mimic>, or take it out if the joint moves by itself.",
+                    next_step="Correct <mimic>, or remove it if the joint moves independently.",
                 )
             chain.append(at)
 
@@ -228,9 +230,9 @@ def number(text: str, place: str) -> float:
         value = float(text)
     except ValueError as problem:
         how = "Expand the file with xacro first." if "$" in text else "Write it like -1.5."
-        raise UsageError(f"this is no number: {problem}", where=place, next_step=how) from None
+        raise UsageError(f"this is not a number: {problem}", where=place, next_step=how) from None
     if np.isnan(value):
-        raise UsageError("NaN is no number", where=place, next_step="Correct the model file.")
+        raise UsageError("NaN is not a number", where=place, next_step="Correct the model file.")
     return value
 
 

@@ -87,7 +87,7 @@ def fitted(
             raise DataError(
                 "An axis never moves, so nothing of it can be identified",
                 where=name,
-                next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
+                next_step="Ingest a log that moves it, together with this one, or remove the axis.",
             )
         columns = _columns(regressors, moving, prior, body, j)
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))

@@ -162,7 +162,7 @@ class ArmPhysics:
         geometry = read_geometry(self.spec)
         if geometry is None:
             raise UsageError(
-                f"robot '{self.spec.name}' has no model_file, so it has no physics to learn from",
+                f"robot '{self.spec.name}' has no model_file, so it has no physics",
                 next_step="Add a URDF or MJCF to the robot file, or choose the structure gp.",
             )
         return geometry
@@ -176,7 +176,7 @@ class ArmPhysics:
         if self.nominal:
             return self._mean(nominal_model(*self._body))
         if samples is None:
-            raise UsageError("an identified model needs samples", next_step="Tell a log first.")
+            raise UsageError("an identified model needs samples", next_step="Ingest a log first.")
         physics = self._with_friction_speeds(samples)
         return physics._mean(physics._fitted(samples, physics._regressors(samples)))
 

@@ -47,7 +47,7 @@ def _joint_ids(model: Any, names: tuple[str, ...]) -> list[int]:
         raise UsageError(
             f"The model file has no joint named {', '.join(missing)}",
             where=f"its joints: {', '.join(by_name) or 'none'}",
-            next_step="Give the axes in the robot file the names of the joints in the model file.",
+            next_step="Use the joint names of the model file for the axes in the robot file.",
         )
     wrong = [name for name in names if int(model.jnt_type[by_name[name]]) not in (_HINGE, _SLIDE)]
     if wrong:

@@ -207,7 +207,7 @@ class Following(ABC):
             raise DataError(
                 "the tracking error needs desired positions at t >= 0",
                 where=log.source,
-                next_step="Log q_des beside q.",
+                next_step="Log q_des together with q.",
             )
         actual = log[PATH[0]] if actual is None else actual
         error = np.abs(desired - actual)[moving].mean(axis=0)

@@ -37,7 +37,7 @@ def from_file(spec: ArmSpec) -> Loaded:
             raise UsageError(
                 f"joint '{name}' is driven by a tendon: only drives on the joints themselves are simulated",
                 where=str(spec.model_file),
-                next_step="Run the real robot, or leave the tendons out of a copy of the model file.",
+                next_step="Run the real robot, or remove the tendons from a copy of the model file.",
             )
     return loaded
 

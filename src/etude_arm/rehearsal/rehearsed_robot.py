@@ -96,7 +96,7 @@ HARD = 0.95
 """Part of the torque limit above which a motion is hardly possible."""
 LARGE = 1000.0
 """Ratio of torque limit to required torque above which the limit is a placeholder."""
-DEFAULTS = "What is not in [simulate] and [[motor]] of robot.toml is a default."
+DEFAULTS = "Values that [simulate] and [[motor]] of robot.toml do not state are defaults."
 
 
 def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
@@ -115,9 +115,9 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
         raise UsageError(
             f"with the masses and efforts of its file {'; '.join(weak)}: it is not simulated",
             where=spec.name,
-            next_step="Is the arm counterbalanced, is the base mounted otherwise, or is a limit wrong? "
-            "Correct the command limits in robot.toml or the masses in the model file; or say in [[motor]] "
-            "what its drives give (torque), if the limits are no more than placeholders.",
+            next_step="Perhaps the arm is counterbalanced, the base is mounted differently, or a limit "
+            "is wrong. Correct the command limits in robot.toml or the masses in the model file; if "
+            "the limits are placeholders, state the drives' torque in [[motor]].",
         )
 
 
@@ -171,8 +171,8 @@ def _torque_deficits(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]
     if not hard:
         return []
     return [
-        f"At the limits of acceleration and speed these joints need more torque than they have: "
-        f"{', '.join(hard)}. Motions near them will not be followed."
+        "At the limits of acceleration and speed these joints need more torque than they have: "
+        f"{', '.join(hard)}. The robot cannot follow motions near these limits."
     ]
 
 
@@ -188,8 +188,9 @@ def _torque_excesses(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]
     if not large:
         return []
     return [
-        f"The torque limits of {', '.join(large)} are far beyond what their fastest motions ask for. "
-        "Friction and rotors here follow them: correct command in robot.toml if they are placeholders."
+        f"The torque limits of {', '.join(large)} are far above the need of their fastest motions. "
+        "Friction and rotors here are scaled with them: correct command in robot.toml if they are "
+        "placeholders."
     ]
 
 
@@ -224,8 +225,8 @@ def settled(spec: ArmSpec) -> Simulate:
     # rates in files are rounded: 1e-6 of a step counts as a whole step
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise UsageError(
-            f"a rate of {spec.rate:g} Hz is no whole number of time steps of {loop.timestep:g} s",
+            f"a rate of {spec.rate:g} Hz is not a whole number of time steps of {loop.timestep:g} s",
             where=spec.name,
-            next_step="Set timestep in [simulate] to a whole part of 1 / rate.",
+            next_step="Set timestep in [simulate] to 1 / rate divided by a whole number.",
         )
     return loop

@@ -92,9 +92,7 @@ class SpaceLimit:
     def not_verified(self) -> tuple[str, ...]:
         """Of the two speeds, the one without a limit."""
         speeds = {"tool": self.table.speed, "links": self.table.link_speed}
-        return tuple(
-            f"How fast the {what} may move through space." for what, most in speeds.items() if most is None
-        )
+        return tuple(f"The speed of the {what} in space." for what, most in speeds.items() if most is None)
 
     @property
     def rows(self) -> list[tuple[str, str, float, float]]:
@@ -183,7 +181,7 @@ class SpaceLimit:
         whether p''' exists.
         """
         if isinstance(piece, Splined) and piece.held:
-            raise UsageError("how fast a robot goes between set-points that are held is its receiver's word")
+            raise UsageError("the speed between held set-points depends on the receiver")
         rates = [largest(piece, order) for order in (1, 2)]
         try:
             rates.append(largest(piece, 3))
@@ -218,8 +216,8 @@ def space_of(spec: ArmSpec) -> SpaceLimit | None:
         return None
     if spec.model_file is None:
         raise UsageError(
-            f"robot '{spec.name}' has no model_file, and [cartesian] needs to know where its links are",
-            next_step="Add a URDF or MJCF to the robot file, or take [cartesian] out.",
+            f"robot '{spec.name}' has no model_file, but [cartesian] needs the positions of its links",
+            next_step="Add a URDF or MJCF to the robot file, or remove [cartesian].",
         )
     return of_file(_cached_limits, spec, lambda: _space_limit(spec, table))
 
@@ -266,7 +264,7 @@ def _links(spec: ArmSpec, geometry: Geometry, motion: BodyMotion, pose: Array) -
         raise UsageError(
             f"link_speed needs shapes, and robot '{spec.name}' has none",
             where="cartesian",
-            next_step="Limit speed, of the tool's point, instead.",
+            next_step="Limit the speed of the tool point instead.",
         )
     return tuple(links)
 

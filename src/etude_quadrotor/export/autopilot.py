@@ -18,7 +18,7 @@ from etude.protocols import Kind
 from etude.types import Delivered
 
 CRAZYFLIE_MOTORS = 4  # the firmware of other airframes has its own mixer
-OUTSIDE = "Far outside of what was learned the last good addition fades out within 0.2 s."
+OUTSIDE = "Far outside the training data the last good addition fades out within 0.2 s."
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
     "specific_force": ("dot(x, push)", "dot(y, push)", "dot(z, push)"),
@@ -104,7 +104,7 @@ def chosen_rate(
     fitting = [rate for rate in rates if seconds * rate <= chip.share]
     if requested is not None and requested not in rates:
         raise UsageError(
-            f"the model is asked at {', '.join(map(str, rates))} Hz, not {requested:g}", where="--rate"
+            f"the model is evaluated at {', '.join(map(str, rates))} Hz, not {requested:g}", where="--rate"
         )
     selected = max(fitting, default=0) if requested is None else int(requested)
     if selected in fitting:
@@ -201,7 +201,7 @@ def _fill(plan: Plan, into: str, told_by: Mapping[str, Sequence[str]], indent: s
     for i, (channel, part) in enumerate(plan.parts):
         if channel.name not in READS:
             raise UsageError(
-                f"the model reads {channel.name}, which no set-point tells",
+                f"the model reads {channel.name}, which set-points do not contain",
                 next_step="Train it without, or export --to c.",
             )
         if channel.name in told_by:
@@ -215,14 +215,15 @@ def _motors(plan: Plan, target: str) -> list[int]:
         raise UsageError(f"a Crazyflie has {CRAZYFLIE_MOTORS} motors, this vehicle has {len(plan.units)}")
     if set(plan.units) - {"1", ""}:
         raise UsageError(
-            f"{target} takes parts of full scale, and commands are in {', '.join(dict.fromkeys(plan.units))}",
+            f"{target} needs fractions of full scale, but commands are in "
+            f"{', '.join(dict.fromkeys(plan.units))}",
             next_step='Learn from set-points of the motors, with command_unit = "1"; or export --to c.',
         )
     matches = [re.search(r"(\d+)$", name) for name in plan.model.commands]
     numbers = [int(match[1]) - 1 for match in matches if match]
     if sorted(numbers) != list(range(len(matches))):
         raise UsageError(
-            f"which motor is which is not said by {', '.join(plan.model.commands)}",
+            f"the motors cannot be identified by {', '.join(plan.model.commands)}",
             next_step=f"Let commands in robot.toml end in {target}'s numbers of the motors: m1, m2, m3, ...",
         )
     return numbers

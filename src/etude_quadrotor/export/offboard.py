@@ -126,13 +126,13 @@ class Offboard:
         assert beside is not None
         east, north, up = beside[1].max(axis=0)
         return (
-            "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
+            "The acceleration set-points are commands, not the motion: they compensate the learned drag, "
             f"with up to {most:.3g} m/s^2, and tilt up to {commanded_tilt:.3g} degrees, the motion alone "
-            f"{motion_tilt:.3g}. "
-            "Limits are proved of the motion, that of the tilt also of what is commanded.",
-            "Where the learned drag is wrong, by all of it at most, the vehicle may leave the plan by "
-            f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, more than tracking does, under "
-            "PX4's default gains.",
+            f"{motion_tilt:.3g}. Limits are proved for the motion, and the tilt limit also for the "
+            "commands.",
+            "If the learned drag is wrong by at most its full size, the vehicle may leave the plan by "
+            f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, in addition to the tracking "
+            "error, with PX4's default gains.",
         )
 
 

@@ -25,8 +25,8 @@ from etude_quadrotor.vehicle import Rotor
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER = 3
 """Bytes before a message: its size and kind."""
-DAMAGED = "The log is damaged in places, which were left out."
-CUT = "The log was cut: its last message is not whole, and what followed is missing."
+DAMAGED = "The log is damaged; the damaged parts were ignored."
+CUT = "The log was cut: its last message is incomplete, and later ones are missing."
 AXES = ("x", "y", "z")
 GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
@@ -83,7 +83,7 @@ class _Patient:
         """RuntimeError: it has been read too often."""
         self._left -= 1
         if self._left < 0:
-            raise RuntimeError("damage in it leads round in a circle")
+            raise RuntimeError("it is damaged: its records form a circle")
         data = self._file.read(size)
         if size == HEADER:
             self.cut, self._announced = 0 < len(data) < size, int.from_bytes(data[:2], "little")
@@ -124,15 +124,15 @@ def motors_of(
     rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
     if rate < SLOW:
         notes.append(
-            f"Topic {topic} was recorded {rate:.3g} times a second, so little of what the motors did is in "
-            "the log: set SDLOG_PROFILE on the vehicle to record it faster."
+            f"Topic {topic} was recorded {rate:.3g} times a second, too few to show the motor commands: "
+            "set SDLOG_PROFILE on the vehicle to record it faster."
         )
     if topic == "actuator_motors":
         named = [i for i in range(count or MOST) if f"control[{i}]" in data]
         indices = [i for i in named if np.isfinite(data[f"control[{i}]"]).any()]
         return data, _zero_while_disarmed({f"motor_{i + 1}": data[f"control[{i}]"] for i in indices}, notes)
     indices = [i for i in range(count or ROTORS) if f"output[{i}]" in data]
-    notes.append(f"Outputs 1 to {len(indices)} of {topic} were taken for the motors.")
+    notes.append(f"Outputs 1 to {len(indices)} of {topic} were read as the motors.")
     return data, {
         f"motor_{i + 1}": _fraction_of_pulses(data[f"output[{i}]"], i, parameters, notes) for i in indices
     }
@@ -144,8 +144,8 @@ def _zero_while_disarmed(motors: dict[str, Array], notes: list[str]) -> dict[str
     if not np.any(off):
         return motors
     notes.append(
-        f"For {100 * off.mean():.3g} % of actuator_motors the vehicle is disarmed (NaN): its motors were "
-        "taken for 0."
+        f"For {100 * off.mean():.3g} % of actuator_motors the vehicle is disarmed (NaN), so its motors "
+        "were set to 0."
     )
     return {name: np.where(off, 0.0, values) for name, values in motors.items()}
 
@@ -160,7 +160,7 @@ def _fraction_of_pulses(pulses: Array, i: int, parameters: Mapping[str, Any], no
     """Parts of full scale from pulse widths in us, between PX4's configured minimum and maximum."""
     median = float(np.nanmedian(pulses))
     if not PULSE[0] <= median <= PULSE[1]:
-        notes.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
+        notes.append(f"Output {i + 1} is not a pulse width (median {median:.4g}) and was used unchanged.")
         return pulses
     ends = []
     # us, PX4's defaults
@@ -251,7 +251,7 @@ def require_flat_multirotor(
         raise DataError(
             f"the vehicle of this log is {name} ({parameter}), and only flat multirotors are supported",
             where=str(path),
-            next_step="Bring a log of a vehicle with four rotors or more that all lift along its z axis; "
+            next_step="Use a log of a vehicle with four rotors or more that all lift along its z axis; "
             "--topic NAME reads a topic as recorded.",
         )
     rotors = rotors_of(parameters)
@@ -313,7 +313,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
     with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
         if file.read(len(MAGIC)) != MAGIC:
             raise DataError(
-                "this is no ULog", where=str(path), next_step="Download the .ulg of the flight again."
+                "this is not a ULog", where=str(path), next_step="Download the .ulg of the flight again."
             )
         try:
             patient = _Patient(file)
@@ -323,7 +323,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
             raise DataError(
                 f"the file cannot be read as ULog ({first})",
                 where=str(path),
-                next_step="It is cut or damaged; download the log again.",
+                next_step="It is truncated or damaged; download the log again.",
             ) from None
 
 
@@ -332,9 +332,9 @@ def _missing_topics_error(path: Path, missing: Sequence[str], present: Iterable[
     return DataError(
         f"the log has no topic {' or '.join(missing)}",
         where=str(path),
-        next_step=f"Of what is needed it has {', '.join(sorted(present)) or 'nothing'}. Set SDLOG_PROFILE on "
-        "the vehicle, or name the topics in etc/logging/logger_topics.txt on its card; --topic NAME reads "
-        "one as recorded.",
+        next_step=f"Of the required topics it has {', '.join(sorted(present)) or 'none'}. Set "
+        "SDLOG_PROFILE on the vehicle, or name the topics in etc/logging/logger_topics.txt on its "
+        "card; --topic NAME reads one as recorded.",
     )
 
 

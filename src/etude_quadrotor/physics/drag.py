@@ -117,7 +117,7 @@ def _inputs(samples: Samples) -> tuple[Array, Array]:
     velocity = samples.log.get("body_velocity")
     if velocity is None:
         raise DataError(
-            "the flights do not say their velocity, so drag cannot be learned",
+            "the flights lack their velocity, so drag cannot be learned",
             next_step="Log position and attitude, or the velocity.",
         )
     return velocity, samples.log["specific_force"][:, :LATERAL]

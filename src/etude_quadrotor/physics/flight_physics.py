@@ -53,7 +53,7 @@ class Identified:
     def __call__(self, samples: Samples | None) -> Mean:
         """Identified from the samples. DataError: none, or NaN."""
         if samples is None:
-            raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
+            raise DataError("there is no sample to identify a model from", next_step="Ingest a flight first.")
         steps = np.diff(samples.t)[np.diff(samples.group) == 0]
         weight = min(1.0, float(np.median(steps)) / CORRELATION_S) if len(steps) else 1.0
         if self.vehicle is None:

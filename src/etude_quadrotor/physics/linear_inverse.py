@@ -97,8 +97,8 @@ def physical_features(log: Log, uses: tuple[str, ...]) -> Array:
     for name in uses:
         if name not in log:
             raise DataError(
-                f"the flight does not say its {name}, which the model was identified with",
-                next_step="Use flights that all have it.",
+                f"the flight lacks its {name}, which the identified model needs",
+                next_step="Use only flights that have it.",
             )
         columns.append(log[name])
     return np.concatenate(columns, axis=1)
@@ -119,7 +119,7 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
     uses = tuple(name for name in OPTIONAL if name in log)
     features = physical_features(log, uses)
     if not len(features) or not use.any(axis=0).all():
-        raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
+        raise DataError("there is no sample to identify a model from", next_step="Ingest a flight first.")
     centre, spread = features.mean(axis=0), features.std(axis=0)
     # a constant column is not informative, whatever its later values
     spread = np.where(spread > 1e-9 * (1.0 + np.abs(centre)), spread, HUGE)
@@ -163,7 +163,7 @@ def map_fit(
     every = use is None or bool(use.all())
     target = command if every else command[use]
     if not target.size:
-        raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
+        raise DataError("there is no sample to identify a model from", next_step="Ingest a flight first.")
     for _ in range(STEPS):
         predicted, jacobian = linearised(theta)
         if not every:

@@ -56,11 +56,11 @@ def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: b
     ticks = _ticks(flight, plan, rate)
     count = len(flight) // ticks
     if count == 0 or flight.saturated.all():
-        what = "is shorter than one sample" if count == 0 else "stood at a command's limit all the time"
+        what = "is shorter than one sample" if count == 0 else "was at a command's limit all the time"
         raise DataError(
             f"the flight {what}",
             where=f"{flight.source}{f': {flight.ended}' if flight.ended else ''}",
-            next_step="Fly a gentler or longer trajectory, or check the feedforward.",
+            next_step="Fly a slower or longer trajectory, or check the feedforward.",
         )
 
     def sampled(rows: Array) -> Array:
@@ -135,7 +135,7 @@ class SimulatedFlights:
 
         Raises:
             UnsafeTrajectoryError: the plan is singular. NumericalError: a planned feedforward is not finite.
-            DataError: it ended before the first sample, or stood at a command's limit all the time.
+            DataError: it ended before the first sample, or was at a command's limit all the time.
         """
         return self._flown(trajectory, controller, rng, self.spec)
 

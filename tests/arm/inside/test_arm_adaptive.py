@@ -208,7 +208,7 @@ def test_what_cannot_be_started_is_refused() -> None:
         Adaptation(bandwidth=1.0, rate=0.0)
     with pytest.raises(UsageError, match=r"smoothing is -1\.0"):
         Adaptation(bandwidth=1.0, rate=1.0, smoothing=-1.0)
-    with pytest.raises(UsageError, match="cannot be started from"):
+    with pytest.raises(UsageError, match="cannot be used as a start"):
         replace(slotine_li(PHYSICS), weights=np.zeros((4, 2)))
     with pytest.raises(UsageError, match="no model_file"):
         slotine_li(ArmPhysics(replace(FAST, model_file=None)))

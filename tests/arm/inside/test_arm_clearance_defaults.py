@@ -83,7 +83,7 @@ def test_far_parts_that_overlap_at_home_are_no_artefact() -> None:
     folded = Search((0.0, REACH, 0.0), (-1.0,) * 3, (1.0,) * 3)
     with pytest.raises(UsageError, match=r"at home .*hand.* overlap") as error:
         complete(replace(FLOOR, search=folded))
-    assert "give another home" in error.value.next_step
+    assert "state another home" in error.value.next_step
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def test_tracking_takes_its_part_and_says_so() -> None:
         assert 0.0 < other.tracking_margin < 0.08
         assert other.proved_lower <= one.proved_lower
         assert in_words(other) == (
-            f"{other.proved_lower:.4g} is kept with tracking of {other.tracking_margin:.3g} "
+            f"at least {other.proved_lower:.4g} with tracking of {other.tracking_margin:.3g} "
             "with 95 % confidence, limit 0.01"
         )
     refused = [

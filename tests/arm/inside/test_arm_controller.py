@@ -68,7 +68,7 @@ def test_predictions_that_are_not_finite_are_refused_with_the_joint() -> None:
 
 def test_another_robots_model_is_refused() -> None:
     three = Constant((1.0,) * 3, (0.0,) * 3, (0.0,) * 3, np.ones(3))
-    with pytest.raises(UsageError, match="3 commands, the robot two 2 joints"):
+    with pytest.raises(UsageError, match="3 commands, but the robot two has 2 joints"):
         planned(three)
 
 

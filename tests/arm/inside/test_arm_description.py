@@ -65,7 +65,7 @@ def test_a_floor_that_its_owner_gives_needs_no_confirming(tmp_path: Path) -> Non
     floor = read_robot(tmp_path / "lab" / "robot.toml").around.floor
     assert floor is not None
     assert floor.height == -0.1
-    with pytest.raises(UsageError, match="says itself where the floor is"):
+    with pytest.raises(UsageError, match="already states the floor"):
         describe(tmp_path / "lab" / "robot.toml", floor=0.0)
     with pytest.raises(UsageError, match="number of metres"):
         describe(path, floor=float("nan"))

@@ -48,7 +48,7 @@ def test_which_files_describe_an_arm(tmp_path: Path, name: str, text: str, ours:
 
 
 def test_another_kind_of_robot_is_refused() -> None:
-    with pytest.raises(UsageError, match="kind = 'boat' is no robot of joints"):
+    with pytest.raises(UsageError, match="kind = 'boat' is not a robot with joints"):
         parse_robot(
             "kind = 'boat'\nname = 'b'\ncommand_unit = 'V'\nrate = 1\naxis = []", where="", folder=Path(".")
         )

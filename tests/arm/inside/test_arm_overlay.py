@@ -128,7 +128,7 @@ def test_the_tables_come_back_from_a_robot_file(tmp_path: Path) -> None:
         ("[[motor]]\nname = 'turn'\ncoulomb = -1.0\n", "coulomb = -1.0"),
         ("[[motor]]\nname = 'turn'\nkp = nan\n", "kp = nan"),
         ("[[motor]]\nname = 'turn'\nencoder_bits = 40\n", "encoder_bits = 40"),
-        ("[[motor]]\nname = 'knee'\n", "'knee' is no joint of the robot"),
+        ("[[motor]]\nname = 'knee'\n", "'knee' is not a joint of the robot"),
     ],
 )
 def test_what_is_impossible_is_named(tmp_path: Path, more: str, match: str) -> None:
@@ -138,7 +138,7 @@ def test_what_is_impossible_is_named(tmp_path: Path, more: str, match: str) -> N
 
 
 def test_a_rate_that_is_no_part_of_the_physics_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="300 Hz is no whole number of time steps"):
+    with pytest.raises(UsageError, match="300 Hz is not a whole number of time steps"):
         made(tmp_path, TABLE, rate=300.0)
 
 

@@ -204,7 +204,7 @@ def test_refuses_other_joints_missing_desired_motion_and_nothing_left() -> None:
     with pytest.raises(DataError, match="no desired motion") as problem:
         build(LOG, SPEC, THESIS)
     assert problem.value.exit_code == 3
-    with pytest.raises(DataError, match="nothing is left of this log of 32 s"):
+    with pytest.raises(DataError, match="no rows remain of this log of 32 s"):
         build(LOG, SPEC, ArmData(trim_s=20.0))
 
 

@@ -148,7 +148,7 @@ def test_mjcf_loads_without_its_meshes(tmp_path: Path) -> None:
         ("", "not a readable URDF or MJCF"),
         ("<sdf/>", "root element is <sdf>"),
         ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', "Expand it first"),
-        (URDF.replace('upper="2"', 'upper="two"'), "this is no number.*shoulder"),
+        (URDF.replace('upper="2"', 'upper="two"'), "this is not a number.*shoulder"),
         (URDF.replace('upper="2"', 'upper="120"'), "looks like degrees"),
         (URDF.replace('upper="2"', 'upper="-2"'), "lower limit -1 is not below upper limit -2"),
     ],

@@ -66,7 +66,7 @@ def test_a_robot_without_masses_keeps_clear_is_asked_and_learns(
     assert main(["ask", str(lab)]) == 0
     said = capsys.readouterr().out
     assert re.search(r"l\d and \w+ +\d", said), "distances are proved"
-    assert "Whether the drives can give the forces" in said
+    assert "Whether the drives can deliver the forces" in said
     rows = [
         line for line in (lab / "proposals/0001/trajectory.csv").read_text().splitlines() if line[0] != "#"
     ]
@@ -127,8 +127,7 @@ def test_an_empty_mesh_is_a_warning_and_its_link_is_not_looked_at(
     assert not any("missing" in line for line in confirm)
     for file in (tmp_path / "arm.urdf", lab / "robot_model.urdf"):
         assert (
-            "the shape of link 'l3': its mesh is empty, and nothing was taken in its place"
-            in load(file).unverified
+            "the shape of link 'l3': its mesh is empty, and there is no replacement" in load(file).unverified
         )
 
 

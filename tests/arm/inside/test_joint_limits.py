@@ -84,7 +84,7 @@ def test_levels_above_are_those_of_parameter_files(above: str, tmp_path: Path) -
 def test_a_joint_that_is_not_named_is_said(tmp_path: Path) -> None:
     robot, limits = given(tmp_path, WHOLE.split('  "reach"', maxsplit=1)[0])
     found = spec_from_model(robot, joint_limits=limits)
-    assert any("does not name reach: the model file's limits count" in line for line in found.confirm)
+    assert any("does not name reach: the model file's limits are used" in line for line in found.confirm)
 
 
 BAD = {
@@ -97,8 +97,8 @@ BAD = {
         r"degrees/s\^2.*in 7 ms",
     ),
     "a placeholder": (WHOLE.replace("has_acceleration_limits: false", ""), "above zero, not 0"),
-    "an empty range": (WHOLE.replace("!degrees -90", "2.5"), r"2.5..2 leave nothing"),
-    "no number": (WHOLE.replace("50.0", "fast"), "max_jerk of turn is no number: fast"),
+    "an empty range": (WHOLE.replace("!degrees -90", "2.5"), r"2.5..2 do not overlap"),
+    "no number": (WHOLE.replace("50.0", "fast"), "max_jerk of turn is not a number: fast"),
     "another form": (WHOLE.replace("  turn:", "  turn: {max_velocity: 1}"), r"line 6 is not `name: value`"),
     "another file": ("planner: ompl\n", "no joint_limits:"),
 }
@@ -188,5 +188,5 @@ def test_an_envelope_that_leaves_no_positions_is_refused(tmp_path: Path) -> None
 def test_a_robot_file_has_limits_of_its_own(tmp_path: Path) -> None:
     _, limits = given(tmp_path, WHOLE)
     built_in = KIND.built_in()["arm4"]
-    with pytest.raises(UsageError, match="robot file says itself"):
+    with pytest.raises(UsageError, match="robot file already states"):
         KIND.chosen(built_in, (), {}, (), {}, None, limits)

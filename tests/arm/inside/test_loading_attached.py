@@ -108,7 +108,7 @@ def test_the_robot_file_holds_them_and_reads_back(spec: ArmSpec) -> None:
         ('mass = 0.0\nshape = "sphere"\nsize = [0.1]', "a mass of 0 kg is not possible"),
         ('mass = 1.0\nshape = "box"\nsize = [0.1]', r"a box has 3 sizes above zero, not \[0.1\]"),
         ('mass = 1.0\nshape = "egg"', 'not "egg"'),
-        ("mass = 1.0\ninertia = [1.0, 1.0, 3.0, 0.0, 0.0, 0.0]", "no body has this inertia"),
+        ("mass = 1.0\ninertia = [1.0, 1.0, 3.0, 0.0, 0.0, 0.0]", "no body can have this inertia"),
         ("weight = 1.0", "unknown key 'weight'"),
     ],
 )

@@ -127,9 +127,9 @@ def test_held_joints_stand_at_zero_or_next_to_it_or_where_they_are_told() -> Non
     found = [*ARM, Moving("up", "a1", 0.2, 0.5), Moving("down", "a1", -2.0, -1.0), Moving("free", "a1")]
     assert chosen(found, ["a?"]).held == {"up": 0.2, "down": -1.0, "free": 0.0}
     assert chosen(found, ["a?"], up=0.4, free=9.0).held == {"up": 0.4, "down": -1.0, "free": 9.0}
-    with pytest.raises(UsageError, match=r"'up' cannot be held at 0.6: its range is 0.2 to 0.5"):
+    with pytest.raises(UsageError, match=r"'up' cannot be fixed at 0.6: its range is 0.2 to 0.5"):
         chosen(found, ["a?"], up=0.6)
-    with pytest.raises(UsageError, match="'a1' moves, so it cannot be held"):
+    with pytest.raises(UsageError, match="'a1' moves, so it cannot be fixed"):
         chosen(found, ["a?"], a1=0.0)
     with pytest.raises(UsageError, match="no moving joint knee"):
         chosen(found, ["a?"], knee=0.0)
@@ -153,7 +153,7 @@ def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
     for choice in (chosen(found), chosen(found, ["a1", "a2"])):
         assert choice.joints == ("a1", "a2")
         (note,) = choice.notes
-        assert "'rod' follows 'a2' (<mimic>), here it stands still: clearances and torques" in note
+        assert "'rod' follows 'a2' (<mimic>), but is fixed here: clearances and torques" in note
     assert chosen(found, ["a1"]).notes == ()  # what it follows stands still as well
 
 
@@ -174,7 +174,7 @@ def test_the_limb_that_is_proposed_is_a_leg_only_where_all_are() -> None:
 
 def test_fingers_without_a_name_for_it_end_the_arm_that_an_example_chooses() -> None:
     hand = [joint for k in "123" for joint in chain(f"j{k}0", f"j{k}1", before="a3")]
-    with pytest.raises(UsageError, match=r"after joint 'a3'.*Are they a hand\?.*--joints 'a\*'; the others"):
+    with pytest.raises(UsageError, match=r"after joint 'a3'.*If they are a hand.*--joints 'a\*'; the others"):
         chosen([*ARM, *hand])
     assert chosen([*ARM, *hand], ["a*"]).joints == ("a1", "a2", "a3")
     twice = [*chain("l1", "l2", "l3"), *chain("f1", "f2", before="l3"), *chain("g1", before="l3")]
@@ -187,7 +187,7 @@ def test_fingers_without_a_name_for_it_end_the_arm_that_an_example_chooses() -> 
 def test_a_last_joint_that_moves_a_gripper_by_name_is_asked_about() -> None:
     jaw = replace(chain("a4", before="a3")[0], carries="gripper")
     (said,) = chosen([*ARM, jaw]).notes
-    assert said == "Joint 'a4' moves 'gripper': if that is a finger, leave it out, --joints a1 a2 a3."
+    assert said == "Joint 'a4' moves 'gripper': if that is a finger, exclude it with --joints a1 a2 a3."
     carrying = chosen([*ARM, jaw, *chain("finger", before="a4")]).notes
     assert not any("moves 'gripper'" in note for note in carrying)
     assert chosen([*ARM, replace(jaw, carries="flange")]).notes == ()

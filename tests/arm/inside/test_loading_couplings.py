@@ -62,13 +62,13 @@ def test_what_is_no_loop_of_the_arm_loads(tmp_path: Path, equality: str, joints:
     )
     loaded = load(arm(tmp_path, scene=scene, more=f"<equality>{equality}</equality>"), joints)
     assert loaded.joints == (tuple(joints) if joints else ("one", "two", "three"))
-    assert "'cube' lies free and is taken to stay where the file puts it" in loaded.unverified
-    assert loaded.unverified[0] == "the base is taken to be fixed"
+    assert "'cube' is free and assumed to stay at its position in the file" in loaded.unverified
+    assert loaded.unverified[0] == "the base is assumed to be fixed"
 
 
 def test_the_joints_before_a_loop_are_proposed_and_load(tmp_path: Path) -> None:
     path = arm(tmp_path, more='<equality><connect body1="c" body2="b" anchor="0 0 .1"/></equality>')
-    with pytest.raises(UsageError, match=r"--joints one two, or take the equality out"):
+    with pytest.raises(UsageError, match=r"--joints one two, or remove the equality"):
         load(path)
     assert load(path, ["one", "two"]).joints == ("one", "two")
 
@@ -88,9 +88,9 @@ def test_a_free_robot_is_no_object_beside_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"option": 'gravity="0 0 0"'}, "switches gravity off"),
+        ({"option": 'gravity="0 0 0"'}, "disables gravity"),
         ({"option": 'gravity="0 -9.81 0"'}, r"Gravity in the file is \(0, -9.81, 0\)"),
-        ({"body": 'gravcomp="1"'}, r"takes the weight off b \(gravcomp\)"),
+        ({"body": 'gravcomp="1"'}, r"compensates the weight of b \(gravcomp\)"),
         ({"name": 'name="three" stiffness="0.4"'}, r"springs of three are no part of its torques"),
         ({"name": ""}, "called after their bodies: c_joint"),
     ],
@@ -125,7 +125,7 @@ def test_springs_and_stops_of_tendons_are_said(tmp_path: Path) -> None:
     fixed = '<joint joint="two" coef="1"/><joint joint="three" coef="1"/>'
     more = f'<tendon><fixed name="t" stiffness="9" limited="true" range="-1 1">{fixed}</fixed></tendon>'
     loaded = load(arm(tmp_path, more=more))
-    assert "The springs of tendons are left out: t." in loaded.notes
+    assert "The springs of tendons are ignored: t." in loaded.notes
     assert "the limits of tendons over several joints: t" in loaded.unverified
     assert not any(
         "tendon" in one for one in (*load(arm(tmp_path, more=more), ["one"]).unverified, *loaded.joints)

@@ -80,5 +80,5 @@ def test_what_cannot_be_read_is_said(tmp_path: Path, more: dict[str, Any], cut: 
 
 def test_another_file_of_that_name_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(b"solid of something else")
-    with pytest.raises(UsageError, match="no binary glTF"):
+    with pytest.raises(UsageError, match="not binary glTF"):
         read_triangles(tmp_path / "a.glb")

@@ -57,8 +57,8 @@ def test_folders_of_meshes_are_taken_along(tmp_path: Path, capsys: pytest.Captur
         ("urdf", ["--hold", "elbow"], "'elbow' does not have the form joint=position"),
         ("urdf", ["--hold", "=1"], "'=1' does not have the form joint=position"),
         ("urdf", ["--joints", "knee"], "no moving joint knee"),
-        ("quadrotor", ["--joints", "knee"], "'quadrotor' has no joints to choose from"),
-        ("arm4", ["--joints", "waist"], "robot file says itself which joints move"),
+        ("quadrotor", ["--joints", "knee"], "'quadrotor' have no joints to choose from"),
+        ("arm4", ["--joints", "waist"], "robot file already states the moving joints"),
     ],
 )
 def test_what_cannot_be_chosen_is_said(

@@ -60,7 +60,7 @@ def test_no_floor_is_assumed_where_the_arm_hangs(tmp_path: Path) -> None:
     )
     hanging = describe(write(tmp_path, low))
     assert b"\n[floor]\n" not in hanging.files["robot.toml"]
-    assert any("would always be in it: add [floor]" in sentence for sentence in hanging.confirm)
+    assert any("would always be below it: add [floor]" in sentence for sentence in hanging.confirm)
     standing = describe(write(tmp_path / "other", low.replace("0.05 -2", "0.05 0.8")))
     assert b"\n[floor]\n" in standing.files["robot.toml"]
 
@@ -69,8 +69,5 @@ def test_a_last_link_without_its_mesh_is_not_said_to_have_a_shape(tmp_path: Path
     text = TWO.replace('<sphere radius="0.07"/>', '<mesh filename="gone.stl"/>')
     loaded = load(write(tmp_path, text))
     assert "the shape of link 'upper': its mesh is missing, a capsule was guessed" in loaded.unverified
-    assert (
-        "the shape of link 'fore': its mesh is missing, and nothing was taken in its place"
-        in loaded.unverified
-    )
+    assert "the shape of link 'fore': its mesh is missing, and there is no replacement" in loaded.unverified
     assert loaded.model().ngeom == 2

@@ -88,7 +88,7 @@ def test_shapes_are_what_collides_by_the_name_of_its_body(mjcf: Path) -> None:
 
 
 def test_a_held_joint_behind_a_moving_one_of_its_body_is_refused(mjcf: Path) -> None:
-    with pytest.raises(UsageError, match="'two' cannot be held: one before it in its body moves"):
+    with pytest.raises(UsageError, match="'two' cannot be fixed: one before it in its body moves"):
         load(mjcf, ["one", "three"])
 
 

@@ -109,7 +109,7 @@ def test_the_one_file_that_it_may_be_is_taken_and_said(
     package(tmp_path / "arm")
     found, said = lengths(model)
     assert found == [0.2, 0.2, 0.2]
-    sentence = f"package://arm_description is not found: for its {BASE} what lies below {tmp_path / 'arm'} is"
+    sentence = f"package://arm_description is not found: for its {BASE} the files below {tmp_path / 'arm'} is"
     assert said.count(sentence) == 1
     assert main(["init", str(tmp_path / "lab"), "--robot", str(model)]) == 0
     assert sentence in capsys.readouterr().out
@@ -182,7 +182,7 @@ def test_a_relative_name_is_meant_from_the_model_file_and_else_is_said(
     found, said = lengths(model)
     assert found == [0.7, 0.7, 0.7]
     sentence = (
-        f"Not found from arm.urdf itself: for {name} what lies below {tmp_path / 'arm'} is taken. If that"
+        f"Not found from arm.urdf itself: for {name} the files below {tmp_path / 'arm'} are used. If they"
     )
     assert said.count(sentence) == 1
     assert main(["init", str(tmp_path / "lab"), "--robot", str(model)]) == 0

@@ -88,7 +88,7 @@ def test_points_without_faces_are_kept(tmp_path: Path) -> None:
 def test_what_is_no_ply_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "a.ply"
     path.write_bytes(data)
-    with pytest.raises(UsageError, match=r"the mesh cannot be read.*a\.ply.*Export it anew"):
+    with pytest.raises(UsageError, match=r"the mesh cannot be read.*a\.ply.*Export it again"):
         read_triangles(path)
 
 
@@ -96,7 +96,7 @@ def test_a_converted_copy_is_taken_as_the_refusal_says(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_bytes(b"glTF")
     found = MeshPaths(tmp_path / "arm.urdf").find("a.gltf")
     assert found is not None
-    with pytest.raises(UsageError, match=r"'\.gltf' are not read.*beside it and under the same name"):
+    with pytest.raises(UsageError, match=r"'\.gltf' are not read.*in the same folder and with the same name"):
         read_triangles(found)
     (tmp_path / "a.ply").write_bytes(ascii_ply())
     assert MeshPaths(tmp_path / "arm.urdf").find("a.gltf") == tmp_path / "a.ply"

@@ -33,7 +33,7 @@ def changed(folder: Path, old: str, new: str) -> Path:
         ('xyz="0.2 1 -0.4"', 'xyz="0 0 0"', "the axis is 0 0 0.*joint 'shoulder'"),
         ('xyz="0.2 1 -0.4"', 'xyz="0.2 1"', "'0.2 1' should be three numbers.*joint 'shoulder'"),
         ('rpy="0.3 -0.2 0.9"', 'rpy="0.3"', "'0.3' should be three numbers.*joint 'shoulder'"),
-        ('ixx="0.011"', 'ixx="nan"', "NaN is no number.*link 'upper'"),
+        ('ixx="0.011"', 'ixx="nan"', "NaN is not a number.*link 'upper'"),
         ('ixx="0.011"', 'ixx="inf"', "an inertia is infinite.*link 'upper'"),
         ('value="3.0"', 'value="inf"', "a mass cannot be inf kg"),
         ('xyz="0.1 0 0.02"', 'xyz="0.1 0"', "should be three numbers.*link 'upper'"),
@@ -41,7 +41,7 @@ def changed(folder: Path, old: str, new: str) -> Path:
         ('<sphere radius="0.07"/>', "<sphere/>", "a sphere cannot have radius=None.*'fore'"),
         ('<sphere radius="0.07"/>', '<cone radius="1"/>', "a shape <cone> is not known.*'fore'"),
         (BOX, BOX, ""),
-        ('value="3.0"', 'value="${heavy}"', "this is no number.*Expand the file with xacro"),
+        ('value="3.0"', 'value="${heavy}"', "this is not a number.*Expand the file with xacro"),
         (MESH, MESH.replace("1 1 2", "1 1 2 1"), "a mesh cannot be scaled by '1 1 2 1'"),
         (MESH, MESH.replace("1 1 2", "1 0 2"), "a mesh cannot be scaled by '1 0 2'.*'upper'"),
         (MESH, MESH.replace("1 1 2", "1 2"), "a mesh cannot be scaled by '1 2'.*'upper'"),
@@ -107,7 +107,7 @@ def test_soft_limits_beside_the_hard_ones_are_refused(tmp_path: Path) -> None:
     path = changed(
         tmp_path, 'soft_lower_limit="-1" soft_upper_limit="3"', 'soft_lower_limit="4" soft_upper_limit="5"'
     )
-    with pytest.raises(UsageError, match=r"soft limits 4\.\.5 leave nothing of the range -1\.5\.\.2"):
+    with pytest.raises(UsageError, match=r"soft limits 4\.\.5 do not overlap the range -1\.5\.\.2"):
         describe(path)
 
 

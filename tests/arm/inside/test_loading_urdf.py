@@ -45,7 +45,7 @@ def test_the_arm_is_chosen_shaped_named_and_fused(urdf: Path) -> None:
     assert names == {"base#0": "world", "upper#0": "upper", "fore#0": "fore", **hand}
     np.testing.assert_allclose(model.body("hand").mass, 0.7)
     assert loaded.source == str(urdf)
-    assert loaded.unverified[0] == "the base 'base' is taken to be fixed"
+    assert loaded.unverified[0] == "the base 'base' is assumed to be fixed"
 
 
 def test_a_mesh_is_its_hull_to_scale_where_the_file_puts_it(urdf: Path) -> None:
@@ -84,7 +84,7 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
     assert found.spec.held == {"finger_left": 0.01}  # a follower follows
     assert sum("cceleration" in sentence for sentence in found.confirm) == 1
     assert any("Ranges are assumed" in sentence and "wrist" in sentence for sentence in found.confirm)
-    assert any("Joints are held: 'finger_left' at 0.01 m." in sentence for sentence in found.confirm)
+    assert any("These joints are fixed: 'finger_left' at 0.01 m." in sentence for sentence in found.confirm)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
         ("</robot>", f"{link('base')}</robot>", "link 'base' is described 2 times"),
         ('name="elbow"', 'name="shoulder"', "joint 'shoulder' is described 2 times"),
         ('<link name="hand">', '<link name="">', "a link has no name"),
-        ('<child link="hand"/>', '<child link="hnd"/>', "names a link 'hnd' that is not there"),
+        ('<child link="hand"/>', '<child link="hnd"/>', "names a link 'hnd' that does not exist"),
         (
             '<child link="hand"/>',
             '<child link="upper"/>',
@@ -102,7 +102,7 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
         (
             '<parent link="base"/>',
             '<parent link="hand"/>',
-            "the joints go in a circle|2 base links|names a link",
+            "the joints form a circle|2 base links|names a link",
         ),
         ("</robot>", f"{link('stray')}</robot>", "2 base links: base, stray"),
         (
@@ -133,7 +133,7 @@ def test_a_floating_base_is_fixed_only_if_joints_are_named(urdf: Path) -> None:
     loaded = load(urdf, ["elbow", "wrist"])
     assert (
         loaded.unverified[0]
-        == "the base 'base' is taken to be fixed although 'shoulder' is floating or planar"
+        == "the base 'base' is assumed to be fixed although 'shoulder' is floating or planar"
     )
 
 
@@ -176,7 +176,7 @@ def test_without_any_mass_joints_and_shapes_count_and_what_lacks_one_is_asked(ur
     assert loaded.model().ngeom == load(write(urdf.parents[2] / "whole")).model().ngeom
     urdf.write_text(robot().replace(INERTIAL.format(mass=3.0), ""))
     loaded = load(urdf)
-    assert any("No mass is given for what upper carries" in note for note in loaded.notes)
+    assert any("No mass is given for the part that upper carries" in note for note in loaded.notes)
     assert loaded.model().body("upper").mass < 1e-6  # not what its shape would weigh
 
 
@@ -306,7 +306,7 @@ def test_a_world_that_is_not_described_is_what_drakes_files_weld_their_base_to(u
     welded = load(urdf)
     assert welded.joints == bare.joints
     np.testing.assert_array_equal(welded.model().body_mass, bare.model().body_mass)
-    assert any("base 'world' is taken to be fixed" in sentence for sentence in welded.unverified)
+    assert any("base 'world' is assumed to be fixed" in sentence for sentence in welded.unverified)
 
 
 def test_of_a_base_that_is_free_an_example_says_how_to_choose(urdf: Path) -> None:

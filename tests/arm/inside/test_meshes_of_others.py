@@ -109,7 +109,7 @@ def test_a_cut_ply_is_refused_where_trimesh_takes_what_is_left(tmp_path: Path) -
     points = [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 3)]
     text = head.format("ascii") + "".join(f"{x} {y} {z}\n" for x, y, z in points) + "3 0 1 2\n"
     (tmp_path / "cut.ply").write_text(text)
-    with pytest.raises(UsageError, match="shorter than its header says"):
+    with pytest.raises(UsageError, match="shorter than its header states"):
         read_triangles(tmp_path / "cut.ply")
     assert len(theirs(".ply", text.encode()))
     data = head.format("binary_little_endian").encode() + b"".join(struct.pack("<3f", *p) for p in points)

@@ -341,7 +341,7 @@ def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> 
     samples = samples_of(spec, robot[1], usual, 2)
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert any("no mass follows" in sentence for sentence in delivered.said)
+    assert any("masses need the motors' constants" in sentence for sentence in delivered.said)
     friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
     assert friction[NAMES[0], "coulomb"]["unit"] == "V"
     assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
@@ -355,7 +355,7 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     samples = samples.take(slice(None, None, len(samples) // 250))
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert "friction alone follows" in delivered.said[0]
+    assert "only friction is identified" in delivered.said[0]
     rows = {(row["joint"], row["term"]): row for row in delivered.facts["friction"]}
     for name, level in zip(NAMES, FRICTION, strict=True):
         coulomb = rows[name, "coulomb"]
@@ -370,4 +370,4 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     assert all(row["lower"] is None for row in one_way.facts["friction"])
     still = replace(samples, moving=np.zeros_like(samples.moving))
     rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
-    assert all("no term is shown" in sentence for sentence in rest.said[1:])
+    assert all("the logs show no term" in sentence for sentence in rest.said[1:])

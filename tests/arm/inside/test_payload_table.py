@@ -56,7 +56,7 @@ def test_what_is_put_down_goes_out_of_the_file(tmp_path: Path) -> None:
     half = added(path, OLD, -0.5, (0.0, 0.0, 0.1))
     assert half is not None
     assert half.mass == 0.5
-    with pytest.raises(UsageError, match=r"2 kg were put down, and the robot file knows of 1 kg"):
+    with pytest.raises(UsageError, match=r"2 kg were removed, but the robot file states only 1 kg"):
         added(path, OLD, -2.0, (0.0, 0.0, 0.1))
     with pytest.raises(UsageError, match="the payload is at link 'fore'"):
         added(path, replace(OLD, link="fore"), 0.5, (0.0, 0.0, 0.1))

@@ -66,9 +66,7 @@ def test_planes_and_boxes_are_taken_and_the_rest_is_named(tmp_path: Path) -> Non
     assert robot["wall"] == [{"name": "back", "point": [0.0, 1.2, 0.0], "normal": [0.0, -1.0, 0.0]}]
     assert said(found, "plane at height -0.7 m", "correct [floor]")
     assert said(found, "box top (0.6 x 1 x 0.04 m at 0.8, 0, -0.05)", "wall back", "Correct [[box]]")
-    assert said(
-        found, "parts of the base", "pedestal, on which the arm stands", "ramp, no upright box", "table 2"
-    )
+    assert said(found, "parts of the base", "pedestal, below the arm", "ramp, not an upright box", "table 2")
     assert not said(found, "left out")
 
 
@@ -124,8 +122,8 @@ def test_a_box_that_a_person_corrects_or_takes_out_counts_as_corrected(tmp_path:
 @pytest.mark.parametrize(
     ("at", "words"),
     [
-        ("0 0 -.3", ("plane at height -0.3 m is not taken", "the base reaches 0.4 m below it")),
-        ("0 0 2", ("plane at height 2 m is not taken", "below it")),
+        ("0 0 -.3", ("plane at height -0.3 m is not used", "the base reaches 0.4 m below it")),
+        ("0 0 2", ("plane at height 2 m is not used", "below it")),
     ],
 )
 def test_a_plane_that_cannot_be_the_floor_is_said_and_none_is_assumed(
@@ -140,7 +138,7 @@ def test_the_highest_plane_that_the_arm_stands_on_is_the_floor(tmp_path: Path) -
     lower = '<geom type="plane" size="0 0 1" pos="0 0 -2"/><geom type="plane" size="0 0 1" pos="0 0 -.3"/>'
     found, robot = described(tmp_path, CELL.replace("<worldbody>", f"<worldbody>{lower}"))
     assert robot["floor"] == {"height": -0.7}
-    assert said(found, "-0.3 m is not taken")
+    assert said(found, "-0.3 m is not used")
 
 
 def test_without_a_plane_boxes_that_reach_lower_leave_no_floor_at_zero(tmp_path: Path) -> None:
@@ -163,7 +161,7 @@ def test_a_robot_file_says_itself_what_stands_around(tmp_path: Path) -> None:
     robot = tomllib.loads(describe(path).files[ROBOT_FILE].decode())
     assert "box" not in robot
     assert "floor" not in robot
-    assert any("A plane of the model file is left out" in sentence for sentence in robot["confirm"])
+    assert any("A plane of the model file is ignored" in sentence for sentence in robot["confirm"])
 
 
 URDF = """<robot name="bench"><link name="world"/>
@@ -209,13 +207,13 @@ def test_what_is_only_drawn_beside_the_robot_is_no_obstacle_and_named(tmp_path: 
     text = CELL.replace("</worldbody>", mark.format('contype="0" conaffinity="0"'))
     found, robot = described(tmp_path, text)
     assert [box["name"] for box in robot["box"]] == ["top", "table"]
-    assert said(found, "What is only drawn beside the robot is left out: goal.")
+    assert said(found, "Visual geometry outside the robot is ignored: goal.")
     _, robot = described(tmp_path, CELL.replace("</worldbody>", mark.format("")))
     assert [box["name"] for box in robot["box"]] == ["top", "table", "goal"]
     nothing = '<default><geom contype="0" conaffinity="0"/></default><worldbody>'
     found, robot = described(tmp_path, text.replace("<worldbody>", nothing))
     assert [box["name"] for box in robot["box"]] == ["top", "table", "goal"]
-    assert not said(found, "only drawn")
+    assert not said(found, "Visual geometry")
 
 
 def test_links_that_an_mjcf_excludes_are_named_on_the_certificate(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, warnings=tuple(told)))}
     found = campaign_alerts(replace(own, rounds=rounds), OUTPUTS, 2)
     assert found == (replace(short, light="yellow"), replace(few, light="yellow"))
-    assert [one.step for one in found] == ["Tell another log that moves it.", "Tell another one."]
+    assert [one.step for one in found] == ["Ingest another log that moves it.", "Ingest another one."]
     later = Round(4, ingested=own.rounds[3].ingested, trained=own.newest, order=2)
     assert campaign_alerts(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
 
@@ -93,7 +93,7 @@ def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsy
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
     assert said.splitlines()[0].startswith("Look: all commands: too little motion in ")
-    assert said.splitlines()[0].endswith("uncertain everywhere. Tell another log that moves it.")
+    assert said.splitlines()[0].endswith("uncertain everywhere. Ingest another log that moves it.")
     assert "Stop:" not in said
     assert main(["report", str(campaign.path)]) == 0
     page = (campaign.path / "report.html").read_text()
@@ -168,7 +168,7 @@ def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = campaign_alerts(State(rounds=rounds), OUTPUTS, 2)
     assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
-    assert "knee: hardly moved" in found.sentence
+    assert "knee: almost no motion" in found.sentence
     assert "which moves it" in found.step
 
 
@@ -190,7 +190,7 @@ def test_a_log_in_which_a_joint_stands_still_says_so_first(
     capsys.readouterr()
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
-    assert f"RED: {joint}: hardly moved in any log" in said.splitlines()[0]
+    assert f"RED: {joint}: almost no motion in any log" in said.splitlines()[0]
     assert 'rung = "linear"' not in said
 
 

@@ -109,11 +109,11 @@ def test_a_log_of_the_whole_answers_the_proposal(lab: Campaign, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("start", "words"),
     [
-        ("hip=1.5,knee=0", "hip stands at 1.5, outside its limits -1..1"),
+        ("hip=1.5,knee=0", "hip is at 1.5, outside its limits -1..1"),
         ("hip=0", "the pose lacks knee"),
         ("hip=0,knee=0,toe=1", "the robot has no joint toe"),
-        ("hip=a,knee=0", "no joint=value"),
-        ("hip=nan,knee=0", "hip stands at nan"),
+        ("hip=a,knee=0", "does not have the form joint=value"),
+        ("hip=nan,knee=0", "hip is at nan"),
         ("nowhere.csv", "there is no pose 'nowhere.csv', and no such file"),
         ("hom", "Did you mean home"),
     ],

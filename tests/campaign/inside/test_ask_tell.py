@@ -55,7 +55,7 @@ class TestInit:
         assert damaged_files(campaign.path, campaign.events()) == []
 
     def test_a_second_one_is_refused(self, campaign: Campaign, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="campaign here already"):
+        with pytest.raises(UsageError, match="already holds a campaign"):
             create_campaign(campaign.path, "arm4")
 
     def test_an_unknown_robot_makes_no_folder(self, tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ class TestTell:
     def test_numbers_that_cannot_be(self, campaign: Campaign, tmp_path: Path) -> None:
         asked(campaign, 1)
         log = log_of(campaign, 1, tmp_path)
-        with pytest.raises(UsageError, match=r"trajectory 4 was never asked for.*Asked for: 1"):
+        with pytest.raises(UsageError, match=r"there is no trajectory 4.*Asked for: 1"):
             told(campaign, log, number=4)
         told(campaign, log)
         with pytest.raises(UsageError, match="trajectory 1 has a log already"):

@@ -16,7 +16,7 @@ from etude.limits import certify
 
 def test_the_newest_proposal_or_a_file(tmp_path: Path) -> None:
     lab = make_campaign(tmp_path)
-    with pytest.raises(UsageError, match="nothing was proposed yet"):
+    with pytest.raises(UsageError, match="there is no proposal yet"):
         bounded_motion(lab, None)
     own = random_motion(lab, 3)
     (tmp_path / "own.json").write_text(own.to_json())

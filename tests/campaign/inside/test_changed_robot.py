@@ -158,7 +158,7 @@ def test_the_command_asks_and_a_script_is_told(
 def test_status_begins_with_it_and_does_not_say_go_on(fresh: Campaign, capsys: Any) -> None:
     assert main(["status", str(fresh.path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("RED: log 4: the robot is not the one")
+    assert lines[0].startswith("RED: log 4: the robot differs from the one")
     assert "--changed new" in lines[0]
     assert not any(line.startswith(("Go on", "Stop")) for line in lines)
 

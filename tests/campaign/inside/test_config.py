@@ -56,7 +56,7 @@ def test_every_key_is_explained(kind: str) -> None:
 
 
 def test_a_file_without_a_kind_is_refused() -> None:
-    with pytest.raises(UsageError, match="names no kind") as caught:
+    with pytest.raises(UsageError, match="does not state the kind") as caught:
         read("seed = 1\n")
     assert 'kind = "arm"' in caught.value.next_step
 

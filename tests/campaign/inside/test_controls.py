@@ -144,7 +144,7 @@ def test_a_certificate_says_which_control_its_margins_are_of(lab: Campaign, tmp_
     assert {row["control"] for row in own} == {"learned feedforward"}
     assert {row["confidence"] for row in own} == {0.0}
     unseen = found.certificate.not_verified[0]
-    assert unseen.endswith("no log of such a motion under learned feedforward has measured them.")
+    assert unseen.endswith("no log of such a motion under learned feedforward has shown them yet.")
 
 
 def test_a_log_has_the_control_that_its_motion_was_asked_for(lab: Campaign, tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_folded_again_the_journal_gives_the_same_margins(lab: Campaign, tmp_path
 
 def test_an_open_proposal_is_not_for_another_control(lab: Campaign) -> None:
     ask(lab)
-    with pytest.raises(UsageError, match="margins are those of feedback alone"):
+    with pytest.raises(UsageError, match="margins are for feedback alone"):
         ask(lab, control=FILE)
     assert ask(lab, control=FEEDBACK).number == 1
     assert ask(lab, control=FILE, new=True).number == 2

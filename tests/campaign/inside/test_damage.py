@@ -133,7 +133,7 @@ def test_a_damaged_model(lab: Path, whole: Path, capsys: pytest.CaptureFixture[s
         code, words = said(capsys, *command)
         assert code == 2
         assert f"odels/0002/{MODEL}" in words
-        assert f"etude abandon {lab} 2, then tell its log again" in words
+        assert f"etude abandon {lab} 2, then ingest its log again" in words
     if harm == "missing":  # the advice holds
         assert said(capsys, "abandon", str(lab), "2")[0] == 0
         assert said(capsys, "tell", str(lab), str(whole / "2.csv"), "--number", "2")[0] == 0
@@ -158,7 +158,7 @@ def test_a_model_that_was_changed_and_still_loads(lab: Path, capsys: pytest.Capt
     assert loaded(campaign, lab / "models" / "0002" / MODEL).warnings == CHANGED
     code, words = said(capsys, "ask", str(lab), "--new")
     assert code == 2
-    assert "models/0002/model.npz was changed after it was committed" in words
+    assert "models/0002/model.npz was changed after Étude stored it" in words
 
 
 def test_any_bytes_of_a_model(whole: Path, tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_what_readers_raise_of_their_own(whole: Path, tmp_path: Path, harm: Call
     campaign = open_campaign(whole / "lab")
     path = tmp_path / MODEL
     path.write_bytes(harm((campaign.model_folder(2) / MODEL).read_bytes()))
-    with pytest.raises(DataError, match="no model that can be read"):
+    with pytest.raises(DataError, match="not a readable model"):
         loaded(campaign, path)
 
 
@@ -213,7 +213,7 @@ def test_a_file_where_a_folder_should_be(
 @pytest.mark.parametrize("below", ["", "lab", "deep/lab"])
 def test_a_campaign_below_a_file(tmp_path: Path, below: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(UsageError, match="this is a file, not a folder"):
+    with pytest.raises(UsageError, match="this path is a file"):
         create_campaign(tmp_path / "file" / below, "arm4")
 
 
@@ -292,5 +292,5 @@ def test_what_nobody_foresaw_is_the_machines_failing(
     monkeypatch.setattr("etude.campaign.evaluate.status.status", refuse)
     code, words = said(capsys, "status", str(lab))
     assert code == 1
-    assert "The machine refused: Input/output error" in words
+    assert "The operating system refused: Input/output error" in words
     assert "where: /dev/somewhere" in words

@@ -28,7 +28,7 @@ def test_a_pose_within_the_margin_is_named_as_the_fault(
     """No other motion would help: the open one is not to be abandoned."""
     assert main(["ask", str(asked), "--from", "x=9.9,y=0,z=2"]) == 4
     said = " ".join(capsys.readouterr().err.split())
-    assert "pose itself is the fault: position of 'x' is 9.9" in said
+    assert "pose itself is the problem: position of 'x' is 9.9" in said
     assert "-9..9, 1 inside of -10..10" in said
     assert "abandon" not in said
 

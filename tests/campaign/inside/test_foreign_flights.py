@@ -52,7 +52,7 @@ def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, 
     missing = next(one for one in facts.warnings if one.code == Warn.INPUTS_MISSING)
     assert (
         missing.sentence
-        == "Inputs left out of the model, since some logs lack them: altitude and body velocity"
+        == "Inputs excluded from the model, because some logs lack them: altitude and body velocity"
     )
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)

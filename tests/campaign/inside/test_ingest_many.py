@@ -145,7 +145,7 @@ def test_a_copy_replays_as_the_original(campaign: Campaign, mixed: list[Path]) -
 
 def test_one_path_gives_one_answer_and_a_number_belongs_to_one(campaign: Campaign, mixed: list[Path]) -> None:
     assert isinstance(tell(campaign, str(mixed[0]), learner=stub_learner), IngestResult)
-    with pytest.raises(UsageError, match="belongs to one log"):
+    with pytest.raises(UsageError, match="a number is for one log"):
         tell(campaign, mixed, number=1)
 
 
@@ -192,7 +192,7 @@ class TestUntell:
         assert [r.number for r in campaign.state().learned] == [1]
 
     def test_what_was_never_told(self, campaign: Campaign, mixed: list[Path]) -> None:
-        with pytest.raises(UsageError, match="no log of trajectory 1 was told"):
+        with pytest.raises(UsageError, match="no log of trajectory 1 was ingested"):
             untell(campaign, 1)
         with pytest.raises(UsageError, match="no trajectory 9"):
             untell(campaign, 9)

@@ -106,7 +106,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path) -> None:
     (tmp_path / "b").write_text("other")
     assert [one.sentence for one in damaged_files(tmp_path, read_events(tmp_path))] == [
         "a is missing",
-        "b was changed after it was committed",
+        "b was changed after Étude stored it",
     ]
 
 

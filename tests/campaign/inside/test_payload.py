@@ -101,7 +101,7 @@ def test_the_motion_that_is_asked_for_shows_most(
     found = payload(own, log)
     designed = found.load
     assert not any("etude ask" in sentence for sentence in found.said), "it was just recorded"
-    assert "This log is of the motion that shows most of it." in found.said, "y cannot be told"
+    assert "This log is of the motion that identifies the payload best." in found.said, "y cannot be told"
     assert abs(designed.mass - KG) < 2.5 * designed.deviation
     random = [
         payload(own, carrying(tmp_path / "random.csv", own, random_motion(own, seed), KG, 10.0)).load
@@ -114,9 +114,9 @@ def test_the_motion_that_is_asked_for_shows_most(
     said = capsys.readouterr().out
     assert f"etude payload {own.path} --log LOG" in said
     assert "mass +- " in said or "still open" in said
-    with pytest.raises(DataError, match="weighs a load and is never learned from"):
+    with pytest.raises(DataError, match="a payload motion that is never used for training"):
         tell(own, log)
-    with pytest.raises(UsageError, match="nothing is learned from it"):
+    with pytest.raises(UsageError, match="a payload motion, which is never used"):
         tell(own, log, number=asked.number)
     assert ask(own).number == asked.number + 1
 
@@ -126,7 +126,7 @@ def test_a_log_of_another_robot_is_no_load(lab: Campaign, tmp_path: Path) -> Non
     """Links and friction differ, which no load explains; inverted commands can be repaired as tell would."""
     motion = random_motion(lab, 5)
     log = carrying(tmp_path / "own.csv", lab, motion, 0.0)
-    assert not any("differs from the model" in sentence for sentence in payload(lab, log).said)
+    assert not any("more than a load has changed" in sentence for sentence in payload(lab, log).said)
     rows = np.genfromtxt(log, delimiter=",", names=True)
     names = list(rows.dtype.names)
     commands = [name for name in names if name.startswith(("tau", "command"))]
@@ -136,7 +136,7 @@ def test_a_log_of_another_robot_is_no_load(lab: Campaign, tmp_path: Path) -> Non
     table = np.array([rows[name] for name in names]).T
     other = tmp_path / "other.csv"
     np.savetxt(other, table, "%.8g", ",", header=log.read_text().splitlines()[0], comments="")
-    assert "differs from the model" in payload(lab, other).said[-1]
+    assert "more than a load has changed" in payload(lab, other).said[-1]
 
 
 def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(

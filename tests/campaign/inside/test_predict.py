@@ -80,7 +80,7 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert found.columns[:2] == ["time", "command_waist"]
     assert found.columns[-2:] == ["outside_elbow", "outside_wrist"]
     log = etude.predict(lab, path)
-    assert any("qd and qdd made of the positions" in sentence.lower() for sentence in log.repairs)
+    assert any("qd and qdd computed from the positions" in sentence.lower() for sentence in log.repairs)
     assert 0.9 * len(t) < len(log) < len(t)
     exact = model.predict(model.inputs.states(trajectory.motion(log.t, 3)))[0]
     assert np.median(np.abs(log["command"] - exact)) < 2.0  # of 255: what the filter takes
@@ -146,7 +146,7 @@ def test_an_export_is_written_whole_and_replaces_only_its_own(lab: Path, tmp_pat
 def test_another_package_s_target_is_a_function(lab: Path, tmp_path: Path) -> None:
     found = export(lab, "test_predict:listing", tmp_path / "list", prefix="- ")
     assert (tmp_path / "list" / "commands.txt").read_text() == "- waist\n- shoulder\n- elbow\n- wrist\n"
-    assert found.said[0].startswith("Nothing was promoted yet: the newest model is used, of log 1")
+    assert found.said[0].startswith("No model was promoted yet. The newest model is used, of log 1")
     assert found.said[1:] == ("4 commands.",)
     with pytest.raises(UsageError, match="there is no target of models 'd'"):
         export(lab, "d")

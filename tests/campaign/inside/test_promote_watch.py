@@ -70,12 +70,12 @@ def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campa
     one.write_text(motion.to_json(), encoding="utf-8")
     said: list[str] = []
     assert len(predict(fresh, one, say=said.append)) > 10
-    assert said[0].startswith("Nothing was promoted yet: the newest model is used, of log 5")
+    assert said[0].startswith("No model was promoted yet. The newest model is used, of log 5")
     one.write_text(PointToPoint(np.array([[0.0] * 3, [0.1] * 3]), 1.0).to_json(), encoding="utf-8")
     with pytest.raises(DataError, match=r"the motion has 3 axes, and pair has 2 \[.*trajectory.json\]"):
         predict(fresh, one)
     one.write_text('{"proved": true}', encoding="utf-8")
-    with pytest.raises(UsageError, match=r"trajectory.json\]. Name a trajectory.json that etude ask wrote"):
+    with pytest.raises(UsageError, match=r"trajectory.json\]. Name a trajectory.json of etude ask"):
         predict(fresh, one)
     with pytest.raises(UsageError, match=r"Name it x.csv"):
         check_table(tmp_path / "x.txt")
@@ -104,9 +104,7 @@ def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, t
     assert not any("qdd" in one or "hip q " in one for one in illegal.split(", ")), (
         "what is legal is not named"
     )
-    assert said.startswith(
-        "Outside of what was learned, of all rows: hip 40 %, knee 40 %. There the deviation"
-    )
+    assert said.startswith("Rows outside the training data: hip 40 %, knee 40 %. Their deviation")
     assert predict(fresh, log.take(slice(0, 3))).repairs == ()
     write_table(tmp_path / "c.csv", found)
     lines = (tmp_path / "c.csv").read_text().splitlines()
@@ -121,7 +119,7 @@ def test_the_newest_model_stands_in_until_one_is_promoted(fresh: Campaign) -> No
     used = deployed_model(fresh)
     assert not used.promoted
     assert used.number == 5
-    assert "Nothing was promoted yet: the newest model" in used.sentence
+    assert "No model was promoted yet. The newest model" in used.sentence
 
 
 def test_a_model_that_beats_physics_is_promoted_and_stays_while_others_are_learned(
@@ -186,7 +184,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     (said,) = found.refused
     assert said.code == Refusal.NOT_DECIDED
     assert said.sentence == (
-        "not decided against the model in use, of log 5: 1 segments that neither model was trained on, "
+        "no decision against the model in use, of log 5: 1 segments that neither model was trained on, but "
         "4 are needed"
     )
     assert main(["promote", str(fresh.path)]) == 3
@@ -240,7 +238,7 @@ def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path
         with pytest.raises(UsageError, match="was changed after it was promoted"):
             use()
     (problem,) = status(fresh)["problems"]
-    assert problem["sentence"] == f"promoted/{path.name} was changed after it was committed"
+    assert problem["sentence"] == f"promoted/{path.name} was changed after Étude stored it"
     path.unlink()
     with pytest.raises(UsageError, match="is missing") as refused:
         deployed_model(fresh)
@@ -279,9 +277,9 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
 
     before = (fresh.model_folder(5) / "model.npz").read_bytes()
     without = shifted(write_log(tmp_path / "without.csv", motion, 1), 0.02)
-    with pytest.raises(DataError, match="never learned from"):
+    with pytest.raises(DataError, match="never used for training"):
         tell(fresh, without)
-    with pytest.raises(DataError, match="never learned from"):
+    with pytest.raises(DataError, match="never used for training"):
         tell(fresh, without, foreign=True, number=90)
     with pytest.raises(UsageError, match="no such run"):
         tell(fresh, without, confirm="perhaps")

@@ -154,7 +154,7 @@ def test_commands_along_a_path_of_ones_own_are_those_of_the_motion(flown, tmp_pa
     said = []
     found = predict(campaign, own, say=said.append)
     planned = predict(campaign, tmp_path / "plan.json")
-    assert any("holds a path alone" in sentence for sentence in said)
+    assert any("holds only a path" in sentence for sentence in said)
     inside = slice(5, -5)  # at the ends a fit to rows of a moving motion is less sure
     off = np.abs(found["command"] - planned["command"])[inside]
     assert np.median(off) < 0.01 * np.ptp(planned["command"])
@@ -175,8 +175,8 @@ def test_a_path_of_ones_own_leaves_with_a_proof(flown, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"yaw": 0.5}, "yaw is up to 0.5, and planned flights have the heading 0"),
-        ({"count": 5}, "the table has 5 rows, a smooth motion takes 8 or more"),
+        ({"yaw": 0.5}, "yaw is up to 0.5, but planned flights have the heading 0"),
+        ({"count": 5}, "the table has 5 rows; a smooth motion needs 8 or more"),
         ({"leap": 0.5}, "no smooth motion follows these rows"),
     ],
 )
@@ -205,7 +205,7 @@ def test_kinds_must_agree(tmp_path):
     made(tmp_path / "lab")
     path = tmp_path / "lab" / "campaign.toml"
     path.write_text('kind = "arm"\n')
-    with pytest.raises(UsageError, match=r"of the kind 'quadrotor', and campaign.toml says 'arm'"):
+    with pytest.raises(UsageError, match=r"has the kind 'quadrotor', but campaign.toml states 'arm'"):
         open_campaign(tmp_path / "lab")
 
 
@@ -264,5 +264,5 @@ def test_a_simulation_ends_where_no_flight_stays_inside(tmp_path, monkeypatch):
         raise DataError("the vehicle left the room")
 
     monkeypatch.setattr(simulating, "tell", never)
-    with pytest.raises(DataError, match="only 0 of 1 runs left a log"):
+    with pytest.raises(DataError, match="only 0 of 1 runs gave a usable log"):
         list(simulate(made(tmp_path / "lab"), 1))

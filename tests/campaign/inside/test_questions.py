@@ -61,7 +61,7 @@ def test_a_repair_turns_the_sign_and_says_so(campaign: Campaign, tmp_path: Path)
     wrong = changed(campaign, tmp_path / "wrong.csv", 1, tau_hip=-1.0)
     right = write_log(tmp_path / "right.csv", random_motion(campaign, 1), 1)
     found = told(campaign, wrong, repair=("sign",))
-    assert "The sign of the commands of hip was turned, as asked." in found.repairs
+    assert "The sign of the commands of hip was inverted, as asked." in found.repairs
     other = told(campaign, right)
     logs = [read_log_file(campaign.run_file(one.number)) for one in (found, other)]
     np.testing.assert_allclose(logs[0]["command"], logs[1]["command"], atol=1e-12)
@@ -71,9 +71,9 @@ def test_an_answer_holds_for_later_logs_of_which_the_same_is_found(
     campaign: Campaign, tmp_path: Path
 ) -> None:
     first = changed(campaign, tmp_path / "first.csv", 1, tau_hip=-1.0)
-    assert any("Taken as it is" in s for s in told(campaign, first, accept=("sign",)).repairs)
+    assert any("Used without a repair" in s for s in told(campaign, first, accept=("sign",)).repairs)
     again = changed(campaign, tmp_path / "again.csv", 2, tau_hip=-1.0)
-    assert any("Taken as it is" in s for s in told(campaign, again).repairs)
+    assert any("Used without a repair" in s for s in told(campaign, again).repairs)
     with pytest.raises(DataError, match="commands of knee"):
         told(campaign, changed(campaign, tmp_path / "other.csv", 3, tau_knee=-1.0))
 
@@ -88,8 +88,8 @@ def test_an_answer_about_some_logs_says_nothing_of_one_that_denies_it(
     with pytest.raises(DataError, match="hip is inverted in log 1, log 2 alone") as refused:
         told(campaign, right)
     assert "Neither sign" not in refused.value.fact
-    assert "Exclude them (etude untell" in refused.value.next_step
-    assert any("Taken as it is" in s for s in told(campaign, right, accept=("sign",)).repairs)
+    assert "Remove them (etude untell" in refused.value.next_step
+    assert any("Used without a repair" in s for s in told(campaign, right, accept=("sign",)).repairs)
 
 
 def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) 
     first = told(campaign, paths[0], accept=("sign",))
     with pytest.raises(DataError, match="hip is inverted in all 2 logs") as refused:
         told(campaign, paths[1], repair=("sign",))
-    assert "These logs were learned before: log 1. Exclude them (etude untell" in refused.value.next_step
+    assert "These logs are already learned: log 1. Remove them (etude untell" in refused.value.next_step
     assert untell(campaign, first.number, learner=stub_learner)
     found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
     repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]
@@ -139,7 +139,7 @@ def test_held_rows_are_dropped_unasked_unless_they_are_accepted(campaign: Campai
     assert any("Every row stands 2 times" in s for s in found.repairs)
     assert campaign.state().rounds[found.number].ingested.answers == ()  # type: ignore[union-attr]
     kept = told(campaign, second, accept=("held",))
-    assert any(s.endswith("Taken as it is, as asked.") for s in kept.repairs)
+    assert any(s.endswith("Used without a repair, as asked.") for s in kept.repairs)
     again = told(campaign, third)  # the newest answer counts
     sizes = [len(read_log_file(campaign.run_file(one.number))) for one in (found, kept, again)]
     assert sizes[0] < 0.6 * sizes[1]
@@ -210,7 +210,9 @@ def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path)
     table = pl.read_csv(ur10 / "ur10_exciting.csv").head(1500)
     table = table.with_columns(pl.lit(0.0).alias(n) for n in table.columns if n.endswith(".effort"))
     table.write_csv(tmp_path / "log.csv")
-    with pytest.raises(DataError, match=r"command of shoulder_pan_joint, .* is constant although it moved"):
+    with pytest.raises(
+        DataError, match=r"command of shoulder_pan_joint, .* is constant although the joint moved"
+    ):
         read_told(campaign, tmp_path / "log.csv")
 
 

@@ -190,10 +190,10 @@ BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
         "velocity 0.5 of hip, and robot.toml allows 1",
     ),
     "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
-    "silence": (lambda: Robot(silence=0.5), "counts as lost after 0.5 s without a sample"),
-    "glitches": (lambda: Robot(silence=0.03), "counts as lost after 0.03 s without a sample"),
-    "rarely": (lambda: Robot(rate=4.0, silence=0.6), "is heard 4 times a second, too rarely to be stopped"),
-    "never": (lambda: Robot(rate=0.0), "is heard 0 times a second"),
+    "silence": (lambda: Robot(silence=0.5), "is regarded as lost after 0.5 s without a sample"),
+    "glitches": (lambda: Robot(silence=0.03), "is regarded as lost after 0.03 s without a sample"),
+    "rarely": (lambda: Robot(rate=4.0, silence=0.6), "sends 4 samples a second, too few to stop it in time"),
+    "never": (lambda: Robot(rate=0.0), "sends 0 samples a second"),
     "nameless": (lambda: Robot(identity=""), "has no identity"),
 }
 
@@ -222,7 +222,7 @@ ENVELOPE = VelocityEnvelope(
     [
         (
             {"jerk": np.array([1.0 / 3.0, 500.0])},
-            "enforces jerk 500 of hip, and robot.toml has no limit of it",
+            "enforces jerk 500 of hip, but robot.toml has no such limit",
         ),
         ({"torque_rate": np.array([80.0, 1000.0])}, "enforces torque_rate 80 of knee"),
         ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, and robot.toml allows 0\.9 there"),
@@ -289,14 +289,14 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
 
 def test_masses_that_allow_no_motion_are_waived_in_a_simulation(tmp_path: Path) -> None:
     campaign = weighing(tmp_path, effort=2.0)
-    assert any("No motion is possible by the numbers" in line for line in campaign.spec.confirm)
-    with pytest.raises(UnsafeTrajectoryError, match="No motion is possible by the numbers"):
+    assert any("No motion is possible with the numbers" in line for line in campaign.spec.confirm)
+    with pytest.raises(UnsafeTrajectoryError, match="No motion is possible with the numbers"):
         etude.ask(campaign)
-    with pytest.raises(UsageError, match="No motion is possible by the numbers"):
+    with pytest.raises(UsageError, match="No motion is possible with the numbers"):
         moved(campaign, Robot(("hip", "knee"), real=True), dry=True)
     found = moved(campaign, Robot(("hip", "knee")), dry=True)
     assert found.planned is not None
-    assert any("No motion is possible by the numbers" in line for line in found.said)
+    assert any("No motion is possible with the numbers" in line for line in found.said)
 
 
 def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
@@ -374,8 +374,11 @@ def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, 
         moved(campaign, robot)
     said = found.value.next_step
     assert ("command of knee was at its limit" in said) == (part == 1.0)
-    assert "See to it, then: etude run" in said
-    assert f"limits, masses or home in robot.toml, and ask anew: etude ask {campaign.path} --new" in said
+    assert "Remove the cause, then: etude run" in said
+    assert (
+        f"limits, masses or home in robot.toml, and write another motion: etude ask {campaign.path} --new"
+        in said
+    )
 
 
 def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
@@ -433,7 +436,7 @@ def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: P
     fact = facts(campaign, Ingested)[0]
     assert (told.foreign, told.number) == (True, 2)
     assert fact.robot_seconds == pytest.approx(last.reached, abs=0.6)
-    assert any("it teaches up to there" in own for own in fact.repairs)
+    assert any("the log is used up to there" in own for own in fact.repairs)
     assert [r.number for r in campaign.state().proposals] == [1]
 
 
@@ -480,7 +483,7 @@ def test_a_recording_whose_cycles_came_late_is_no_evidence(tmp_path: Path) -> No
     recording = read_recording(path)
     write_recording(path, replace(recording, late=len(recording.t) // 3))
     assert pending_recordings(campaign) == []
-    with pytest.raises(DataError, match="cycles came late") as refused:
+    with pytest.raises(DataError, match="cycles were late") as refused:
         tell(campaign, path)
     assert "sign" not in f"{refused.value} {refused.value.next_step}"
 
@@ -496,7 +499,7 @@ def test_a_refused_log_is_refused_again_before_anything_moves(tmp_path: Path) ->
     with pytest.raises(DataError) as refused:
         moved(campaign, again)
     assert again.sent == []
-    words = shlex.split(refused.value.next_step.partition("Say it by: ")[2].partition(". Without")[0])
+    words = shlex.split(refused.value.next_step.partition("Answer with: ")[2].partition(". Without")[0])
     assert words[:3] == ["etude", "tell", str(campaign.path)]
     assert cli.main(words[1:]) == DataError.exit_code
     Path(words[3]).unlink()
@@ -513,14 +516,14 @@ def test_cycles_that_come_late_are_told(tmp_path: Path) -> None:
             robot.at = {len(robot.sent) + n: lambda: robot.stall(0.04) for n in range(20, 100, 20)}
 
     moved(lab(tmp_path), robot, told=slow, say=said.append)
-    late = [own for own in said if "cycles came late" in own]
+    late = [own for own in said if "cycles were late" in own]
     assert len(late) == 1
     assert re.match(r"4 of ", late[0])
 
 
 def test_a_robot_that_stands_outside_its_limits_is_not_moved(tmp_path: Path) -> None:
     robot = Robot(start=np.array([0.0, 1.3]))
-    with pytest.raises(UsageError, match=r"hip stands at 1\.3, outside its limits -1\.\.1") as refused:
+    with pytest.raises(UsageError, match=r"hip is at 1\.3, outside its limits -1\.\.1") as refused:
         moved(lab(tmp_path), robot)
     assert robot.sent == []
     assert "--from" not in str(refused.value), "etude run has no such option"
@@ -559,7 +562,7 @@ def test_another_identity_is_asked_about(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         moved(campaign, Robot(), Somebody(lets_go_after=20))
-    with pytest.raises(UsageError, match="Earlier recordings are of fake-1, and this robot is fake-2"):
+    with pytest.raises(UsageError, match="Earlier recordings are of fake-1, but this robot is fake-2"):
         moved(campaign, Robot(identity="fake-2"))
     moved(campaign, Robot(identity="fake-2"), identity="fake-2", dry=True)
 
@@ -573,7 +576,9 @@ def test_a_payload_that_the_robot_states_is_asked_about_when_it_changes(tmp_path
     with pytest.raises(UsageError, match=r"set to carry 0\.5 kg, .* fake-1, set to carry 1\.2 kg") as refused:
         moved(campaign, loaded)
     assert loaded.sent == []
-    _, named, *_ = shlex.split(refused.value.next_step.partition("go on with it: ")[2].partition(". Else")[0])
+    _, named, *_ = shlex.split(
+        refused.value.next_step.partition("the campaign with this robot: ")[2].partition(". Else")[0]
+    )
     moved(campaign, loaded, identity=named)
     moved(campaign, Robot(payload=1.2), dry=True)
 
@@ -600,7 +605,7 @@ def test_a_payload_that_is_told_with_the_connection_is_asked_about_before_anythi
     moved(campaign, Reticent(0.5))
     moved(campaign, Reticent(0.5), dry=True)
     for loaded, named in ((Reticent(1.2), "fake-1"), (Reticent(0.5, identity="fake-2"), "fake-2")):
-        with pytest.raises(UsageError, match=f"set to carry 0.5 kg, and this robot is {named}"):
+        with pytest.raises(UsageError, match=f"set to carry 0.5 kg, but this robot is {named}"):
             moved(campaign, loaded)
         assert loaded.sent == []
     moved(campaign, Reticent(1.2), identity="fake-1, set to carry 1.2 kg", dry=True)
@@ -621,7 +626,7 @@ def test_a_load_that_nobody_states_is_noticed_and_asked_about(tmp_path: Path) ->
         run(1.0)
     print(found.value.fact)
     assert found.value.exit_code == 6
-    with pytest.raises(UsageError, match="Log 3 waits for the answer to whether the robot has changed"):
+    with pytest.raises(UsageError, match="Log 3 waits for an answer about a change of the robot"):
         run(1.0)
     answer(campaign, campaign.state(), "new", [3])
     assert run(1.0).why == "1 rounds are done"
@@ -649,7 +654,7 @@ def test_one_campaign_and_one_robot_have_one_run(tmp_path: Path, monkeypatch: py
     with pytest.raises(KeyboardInterrupt):
         moved(campaign, robot, Somebody(lets_go_after=20))
     assert refused == [
-        "another etude run works in this campaign",
+        "another etude run is active in this campaign",
         "another etude run moves this robot, fake-1",
     ]
 
@@ -766,7 +771,7 @@ def test_a_notebook_has_the_same_robot(driven: Campaign) -> None:
         assert robot.pose() == {"hip": 0.0, "knee": 0.0}
         assert any("3 motions" in own or "stop rule" in own for own in robot.plan())
         assert facts(driven, MotionSent) == []
-        with pytest.raises(UsageError, match="another etude run works in this campaign"):
+        with pytest.raises(UsageError, match="another etude run is active in this campaign"):
             moved(driven, Robot(), dry=True)
 
 

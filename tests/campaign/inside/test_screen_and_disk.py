@@ -352,7 +352,7 @@ def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
     text, home = robot.read_text(), "home = [0.5, -0.3]"
     found = re.search(r"^home = .*$", text, re.MULTILINE)
     robot.write_text(text.replace(found[0], home) if found else f"{text}\n[search]\n{home}\n")
-    assert any("proposals/0002/from_home was proved before" in one for one in _look(copy))
+    assert any("proposals/0002/from_home was certified before" in one for one in _look(copy))
     shown = _whole(open_campaign(copy))
     assert shown.approach is not None
     assert "robot.toml changed" in shown.approach.renewed[0]
@@ -482,7 +482,7 @@ def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(
     with pytest.raises(UnsafeTrajectoryError, match=r"since robot\.toml changed") as refused:
         ask(open_campaign(copy), go_on=True)
     assert f"etude ask {copy} --new." in refused.value.next_step
-    assert "put back robot.toml" in refused.value.next_step
+    assert "restore robot.toml" in refused.value.next_step
     assert cli.main(["ask", str(copy), "--new", "--continue"]) == 0
     # the older one is not proved again by asking: what helps there is named too
     said = _look(copy)

@@ -138,8 +138,8 @@ def test_a_changed_robot_that_is_noticed_waits_and_nothing_is_run_after_it(arm: 
     said: list[str] = []
     assert list(simulate(arm, 2, say=said.append, change={"payload": 0.5})) == []
     assert [r.number for r in arm.state().awaiting_answer] == [1]
-    assert "Log 1 is not learned yet: the robot is another one. Say --changed new." in said
-    with pytest.raises(UsageError, match="log 1 waits for the answer"):
+    assert "Log 1 is not used for training yet: the robot is another one. Say --changed new." in said
+    with pytest.raises(UsageError, match="log 1 waits for an answer"):
         next(iter(simulate(arm, 1)))
     tell(arm, [], changed="same")
     assert [r.number for r in simulate(arm, 1)] == [2]

@@ -56,7 +56,7 @@ def told(lab: Campaign, phase: float) -> tuple[Notice, ...]:
 
 def test_a_stand_in_does_not_run_beside_logs_of_the_robot_itself(lab: Campaign) -> None:
     assert told(lab, 0.0) == ()
-    with pytest.raises(UsageError, match="log 1 is of the robot itself") as refused:
+    with pytest.raises(UsageError, match="log 1 is of the real robot") as refused:
         next(simulate(lab, 1))
     assert "etude init rehearsal --robot" in refused.value.next_step
     assert not (lab.path / SIMULATED).exists()
@@ -68,5 +68,5 @@ def test_a_log_of_the_robot_itself_beside_simulated_ones_is_told_to_be_so(lab: C
     log(lab.path / SIMULATED / "0001.parquet", 0.0)
     (warning,) = told(lab, 1.0)
     assert warning.code == Warn.TWO_ROBOTS
-    assert "log 1 was simulated, log 2 is of the robot itself" in warning.sentence
+    assert "log 1 was simulated, log 2 is of the real robot" in warning.sentence
     assert warning.step.endswith(f"etude untell {lab.path} 1")

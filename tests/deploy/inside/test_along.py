@@ -71,5 +71,5 @@ def test_a_motion_outside_the_limits_is_not_written(here: World) -> None:
     fast = MotionWithLimits(here.trajectory(0).slowed(0.25), here.limits)
     with pytest.raises(UnsafeTrajectoryError):
         along(here, motion=fast)
-    with pytest.raises(UsageError, match="no motion to go along"):
+    with pytest.raises(UsageError, match="no motion to follow"):
         ALONG(MODEL, here.kind, here.spec, {})

@@ -253,12 +253,12 @@ def test_a_rate_that_nothing_keeps_is_refused_before_it_is_compiled(monkeypatch:
     with pytest.raises(UsageError, match="more than the 10 us at 100000 Hz") as error:
         C99(both, ARM, arm_spec(), {"rate": 100000.0})
     ways = error.value.next_step
-    assert "--single takes the best candidate alone" in ways
-    assert "without --rate it is written" in ways
+    assert "--single uses only the best member" in ways
+    assert "export without --rate" in ways
     with pytest.raises(UsageError, match="more than the 10 us") as alone:
         C99(both, ARM, arm_spec(), {"rate": 100000.0, "single": True})
     whole, single = (_us(one.value.fact) for one in (error, alone))
-    assert float(ways.split("candidate alone: about ")[1].split()[0]) == pytest.approx(single, rel=0.2)
+    assert float(ways.split("best member: about ")[1].split()[0]) == pytest.approx(single, rel=0.2)
     assert single < whole
     assert float(ways.split("--no-fade takes about ")[1].split()[0]) < whole
     monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
@@ -274,7 +274,7 @@ def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: 
     between = 1e6 / (0.5 * (alone + whole))
     found = C99(both, ARM, arm_spec(), {"rate": between})
     assert not any(s.startswith("WARNING") for s in found.said)
-    (why,) = (s for s in found.said if "is written alone" in s)
+    (why,) = (s for s in found.said if "of each command is written" in s)
     assert float(why.split()[3]) == pytest.approx(whole, rel=0.2)
     assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
     (apart,) = (s for s in found.said if s.startswith("etude predict averages the candidates."))
@@ -422,7 +422,7 @@ def test_a_compiler_that_takes_too_long_is_told_in_words(monkeypatch: pytest.Mon
     if not compiler():
         pytest.skip("no C compiler on this machine")
     monkeypatch.setattr("etude.deploy.targets.c99.target.LONGEST_S", 1e-4)
-    with pytest.raises(EtudeError, match="was not done with the exported model") as told:
+    with pytest.raises(EtudeError, match="did not finish the exported model") as told:
         built("slow", {"slow.c": b"int one(void) { return 1; }\n"}, 0)
     assert "--single" in str(told.value.next_step)
 
@@ -430,5 +430,5 @@ def test_a_compiler_that_takes_too_long_is_told_in_words(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("target", [C99, ROS2])
 @pytest.mark.parametrize("rate", [0.0, -5.0, float("nan")])
 def test_a_rate_that_is_not_above_zero_is_refused(target: Any, rate: float, model: LearnedModel) -> None:
-    with pytest.raises(UsageError, match="a rate is above 0 Hz"):
+    with pytest.raises(UsageError, match="a rate must be above 0 Hz"):
         target(model, ARM, arm_spec(), {"rate": rate})

@@ -225,5 +225,5 @@ def test_what_lines_cannot_keep_is_a_row_that_nobody_looked_at() -> None:
 
 
 def test_a_motion_that_is_too_quick_for_points_says_so() -> None:
-    with pytest.raises(UsageError, match="too quick"):
+    with pytest.raises(UsageError, match="too fast"):
         exporter("ros2_yaml")(moves(1, 3000.0).slowed(0.01), ARM, spec("a"))

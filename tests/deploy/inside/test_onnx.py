@@ -211,7 +211,7 @@ def ahead(log: Log, rows: int) -> Log:
 
 def test_a_switch_that_is_none_is_named() -> None:
     model = arm_model("exact", "ard_se", points=12)
-    with pytest.raises(UsageError, match="variance is yes or no, not 'maybe'"):
+    with pytest.raises(UsageError, match="variance must be yes or no, not 'maybe'"):
         ONNX(model, ARM, arm_spec(), {"variance": "maybe"})
 
 
@@ -223,7 +223,7 @@ def test_a_switch_that_is_none_is_named() -> None:
         (
             "float",
             {np.float64: 1e-12, np.float32: 2e-3},
-            "float is wrong .* 2.0e-03 .* 1.0e-12",
+            "float is not accurate .* 2.0e-03 .* 1.0e-12",
             "--real double",
         ),
     ],

@@ -99,7 +99,7 @@ def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
     assert kept.proved(family, found)
     assert not kept.proved(family, home + 1.01 * (found - home))
     assert kept.shrink_to_home(family, home, found) is found
-    said = r"home does not keep the limits: disc of arm is \S+, limit 0\.6"
+    said = r"home violates the limits: disc of arm is \S+, limit 0\.6"
     with pytest.raises(UnsafeTrajectoryError, match=said):
         NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).shrink_to_home(family, home, at)
 

@@ -116,7 +116,7 @@ def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> No
     )
     assert kept == 1
     assert alone is own[0]
-    assert dropped_sentence(1) == " Segments left out, since no motion or no approach to it is proved: 1."
+    assert dropped_sentence(1) == " Segments without a certified motion or approach were dropped: 1."
     assert linked_chain(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
 
 
@@ -147,5 +147,5 @@ def test_a_segment_that_is_not_found_shortens_the_recording(
     found = chain()
     assert len(found.segments) == there_are
     assert found.dropped == 2
-    assert found.status.endswith("is proved: 2.")
+    assert found.status.endswith("were dropped: 2.")
     assert [len(before) for before in calls] == [0, 1, 2]

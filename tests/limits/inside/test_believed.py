@@ -44,7 +44,7 @@ def test_with_what_is_believed_the_motion_that_was_run_is_kept_with_room_to_spar
     assert b.proved_lower > -8.0
     assert b.proved_upper < 8.0
     assert (a.proved_lower, a.proved_upper) == (full[0].proved_lower, full[0].proved_upper)
-    assert any("there count b" in sentence for sentence in held.not_verified)
+    assert any("is used, b" in sentence for sentence in held.not_verified)
     motion = limit.along(SWING, LOOK)
     room = BELIEVED_ROOM * (8.0 - np.abs(pendulum(motion)))
     assert np.min((room - held.spread(motion, SWING.duration, SELDOM))[:, 1]) == pytest.approx(0.0, abs=1e-12)
@@ -59,6 +59,18 @@ def test_some_of_a_deviation_counts_always() -> None:
     np.testing.assert_array_equal(credible(vague(1e6), SWING), [1.0, LEAST_BELIEVED])
 
 
+def test_a_run_leaves_no_more_of_a_deviation_than_home_did() -> None:
+    limit, home = vague(6.0), np.array([0.5, 0.5])
+    held = held_at(limit, home)
+    (ran,) = after_run([held], SWING)
+    assert isinstance(ran, CommandLimit)
+    assert held.share is not None
+    assert ran.share is not None
+    np.testing.assert_allclose(ran.share, held.share * credible(held, SWING))
+    assert ran.share[1] < held.share[1] < 1.0
+    assert ran.keeps(SWING)
+
+
 def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     """Of 8 N m gravity takes 4 sin q; a deviation that lasts is the same at all times."""
     limit, home = replace(vague(3.0), lasts=math.inf), np.array([0.5, 0.5])
@@ -66,7 +78,7 @@ def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     room, spread = 8.0 - 4.0 * math.sin(0.5), limit.beyond(0.0) * 3.001
     assert held.share is not None
     np.testing.assert_allclose(held.share, [1.0, BELIEVED_ROOM * room / spread])
-    assert "there count b " in held.gaps[-1]
+    assert "is used, b " in held.gaps[-1]
     assert held_at(replace(vague(0.5), lasts=math.inf), home).share is None
     # at a pose that the mean alone excludes nothing is made of the deviation: that is another refusal
     assert held_at(replace(limit, upper=np.full(2, 1.0), lower=-np.full(2, 1.0)), home).share is None

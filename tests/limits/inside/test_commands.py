@@ -210,7 +210,7 @@ def test_where_rest_at_home_is_beyond_it_nothing_is_looked_at_and_it_says_why() 
     assert isinstance(found, OpenCommands)
     certificate = certify(SWING, [found])
     assert not certificate.rows
-    assert "3.73 N m of b at rest at home" in " ".join(certificate.not_verified)
+    assert "3.73 N m for b at rest at home" in " ".join(certificate.not_verified)
     vague = replace(LIMIT, deviation=lambda motion: np.full((len(motion.t), 2), 2.1))
     assert vague.spread(SWING.motion(np.zeros(1)), 1.0).max() < 8.0
     assert isinstance(kept_at(vague, np.zeros(2)), OpenCommands), "a longer motion needs more deviations"

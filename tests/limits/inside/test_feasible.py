@@ -150,7 +150,7 @@ def test_axis_limits_without_room(order: int, lower: float, upper: float, messag
     low, high = np.array(old.lower), np.array(old.upper)
     low[1], high[1] = lower, upper
     limits[order] = AxisLimit(old.quantity, order, old.names, low, high)
-    with pytest.raises(UnsafeTrajectoryError, match=f"{message} leaves no room for any motion"):
+    with pytest.raises(UnsafeTrajectoryError, match=f"{message} leaves no room for motion"):
         FeasibleSet.of(limits, FourierFamily.of(FourierConfig(), 3), middle(arm()))
 
 

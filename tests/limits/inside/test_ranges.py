@@ -17,5 +17,5 @@ def test_a_slab_holds_what_is_within_half_of_its_middle() -> None:
 
 @pytest.mark.parametrize("half", [0.0, -0.3, np.nan])
 def test_a_limit_that_leaves_no_room_is_named_with_what_is_left(half: float) -> None:
-    with pytest.raises(UnsafeTrajectoryError, match=rf"limit of hip, position: {half:.3g} is left"):
+    with pytest.raises(UnsafeTrajectoryError, match=rf"limit of hip, position: {half:.3g} remains"):
         slabs("hip, position", np.eye(2), np.zeros(2), half)

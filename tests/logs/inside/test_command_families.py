@@ -120,10 +120,10 @@ def test_a_stated_unit_is_not_asked_for(unit: str, tmp_path: Path) -> None:
 
 def test_a_command_of_another_quantity_and_positions_in_counts_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "run.csv", **{"q{}": LOG["q"], "tau{} [A]": LOG["command"]})
-    with pytest.raises(DataError, match=r"in A, and command is in N m.*tau1 \[A\]"):
+    with pytest.raises(DataError, match=r"in A, but command is in N m.*tau1 \[A\]"):
         read(path)
     path = written(tmp_path / "run.csv", **{"q{} [ticks]": LOG["q"] / 1e-3, "tau{}": LOG["command"]})
-    with pytest.raises(DataError, match="in ticks, and q is in rad"):
+    with pytest.raises(DataError, match="in ticks, but q is in rad"):
         read(path)
     found = read(path, {"q": "1e-3 * q"})
     np.testing.assert_allclose(found["q"], LOG["q"], rtol=1e-9, atol=1e-9)

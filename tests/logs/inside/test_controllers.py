@@ -51,7 +51,7 @@ def test_entries_are_joints_by_number(
     log = read(written(tmp_path / "run.csv", own))
     np.testing.assert_array_equal(log["q"], LOG["q"])
     np.testing.assert_array_equal(log["command"], LOG["command"])
-    assert any("were taken for pan_joint, lift_joint, elbow_joint, in this order" in s for s in log.repairs)
+    assert any("were read as pan_joint, lift_joint, elbow_joint, in this order" in s for s in log.repairs)
 
 
 def test_names_beside_the_entries_decide(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ def test_a_grid_of_the_longest_stretch():
     np.testing.assert_allclose(uniform(log)["rates"], log["rates"], atol=1e-9)
     paused = replace(log, t=np.where(np.arange(len(log)) < 600, log.t, log.t + 3.0))
     found = uniform(paused)
-    assert "the longest stretch, 1400 rows" in found.repairs[0]
+    assert "the longest part, 1400 rows" in found.repairs[0]
     assert found.t[0] == pytest.approx(9.0)
     assert longest_stretch(log) is log
     assert duration(paused) == pytest.approx(19.98)
@@ -151,7 +151,7 @@ def test_trimming_and_what_is_left():
     log = flight(0.0, rate=10.0)
     cut = trimmed(replace(log, t=log.t + 7.0), 2.0, 3.0)
     assert (cut.t[0], cut.t[-1]) == pytest.approx((9.0, 23.9))
-    with pytest.raises(DataError, match="nothing is left"):
+    with pytest.raises(DataError, match="no rows of the log remain"):
         trimmed(log, 15.0, 15.0)
 
 

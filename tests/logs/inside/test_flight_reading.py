@@ -60,7 +60,7 @@ def test_a_table_becomes_channels(tmp_path):
     np.testing.assert_array_equal(log["position"][:, 1], table["stateEstimate.y"])
     np.testing.assert_array_equal(log["command"][:, 3], table["motor_4"])
     assert log.repairs == (
-        "Columns motor_1, motor_2, motor_3, motor_4 were taken for front_right, back_right, back_left, "
+        "Columns motor_1, motor_2, motor_3, motor_4 were read as front_right, back_right, back_left, "
         "front_left, in this order.",
     )
 
@@ -94,7 +94,7 @@ def test_what_states_its_unit_is_not_converted_again(tmp_path):
     table = {(f"{k} [deg]" if k in TILTS else k): v for k, v in table.items()}
     log = read(written(tmp_path / "half.csv", table), degrees=True)
     assert_same(log, read(written(tmp_path / "plain.csv", columns())))
-    assert "The file states the unit of attitude, which was believed." in log.repairs
+    assert "The file states the unit of attitude, and this unit was used." in log.repairs
 
 
 def test_an_attitude_in_degrees_is_noticed_beside_rates_in_radians(tmp_path):
@@ -142,7 +142,7 @@ def broken(change):
             "accelerometer's length",
         ),
         (lambda t: t.update({"motor_3": 1000.0 * t["motor_3"]}), "command of back_left reaches"),
-        (lambda t: t.update({"motor_1": 0.0 * t["motor_1"] + 11.1}), "at its limit throughout"),
+        (lambda t: t.update({"motor_1": 0.0 * t["motor_1"] + 11.1}), "always at its limit"),
         (lambda t: t["gyro.x"].__setitem__(slice(0, 300), np.nan), "rows have empty, NaN"),
         (lambda t: t.update({k: v[:20] for k, v in t.items()}), "usable rows"),
         (lambda t: t.update({"acc.x [furlong]": t.pop("acc.x")}), "unknown unit"),

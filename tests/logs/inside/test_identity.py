@@ -41,7 +41,7 @@ def test_a_lagging_joint_and_one_that_sticks_still_match() -> None:
     [
         (lambda q: q * [1, -1, 1], "lift_joint moves in the opposite direction"),
         (lambda q: q * [1, 1, 57.2958], "elbow_joint looks like degrees"),
-        (lambda q: q[:, [1, 0, 2]], "pan_joint does what was proposed for lift_joint"),
+        (lambda q: q[:, [1, 0, 2]], "pan_joint follows the proposal for lift_joint"),
         (lambda q: q[::-1] * [0.7, 0.2, -0.9], "not the log of the proposed trajectory|another motion"),
     ],
 )

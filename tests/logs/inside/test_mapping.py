@@ -139,7 +139,7 @@ def test_a_file_without_header_and_times_is_read_by_the_numbers_of_its_columns(t
     np.testing.assert_allclose(log["command"], LOG["command"], atol=1e-9)
     np.testing.assert_allclose(log.t, np.arange(len(LOG)) / RATE, atol=1e-12)
     assert any("columns are numbered from 1" in sentence for sentence in log.repairs)
-    assert any(f"{RATE:g} rows a second were taken" in sentence for sentence in log.repairs)
+    assert any(f"{RATE:g} rows a second by [log] rate" in sentence for sentence in log.repairs)
 
 
 def test_without_a_word_on_them_such_files_are_refused_with_what_to_write(tmp_path: Path) -> None:

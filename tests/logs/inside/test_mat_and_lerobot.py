@@ -37,7 +37,7 @@ def test_matrices_of_a_mat_file(compressed: bool, tmp_path: Path) -> None:
     log = read(tmp_path / "run.mat")
     np.testing.assert_array_equal(log["q"], LOG["q"])
     np.testing.assert_array_equal(log["command"], LOG["command"])
-    assert any("left out: gains" in sentence for sentence in log.repairs)
+    assert any("ignored: gains" in sentence for sentence in log.repairs)
 
 
 def test_matrices_of_version_4(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_cut_file_of_version_73(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for size in (512, len(whole) // 2, len(whole) - 100):
         path.write_bytes(whole[:size])
-        with pytest.raises(DataError, match=r"cannot be read as MAT.*It is cut"):
+        with pytest.raises(DataError, match=r"cannot be read as MAT.*It is truncated"):
             read(path)
 
 

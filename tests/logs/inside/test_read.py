@@ -126,7 +126,7 @@ def test_positions_outside_the_limits(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "run.csv", columns_of(LOG))
     tight = read(path, limits_of_pan("q", -1.0, 0.75))
     assert any("outside its position limits; kept" in s for s in tight.repairs)
-    with pytest.raises(DataError, match=r"outside the limits -0.05 to 0.05 rad.*pan_joint.*another robot"):
+    with pytest.raises(DataError, match=r"outside the limits -0.05 to 0.05 rad.*pan_joint.*of this robot"):
         read(path, limits_of_pan("q", -0.05, 0.05))
 
 
@@ -185,7 +185,7 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
         ("run.bag", b"#ROSBAG V2.0\n", "no reader for '.bag' files"),
         ("run.dat", bytes(range(256)) * 40, "no reader for '.dat' files"),
         ("run.log", b"1 2 3 4\n5 6 7 8\n", "no header, only 4 columns of numbers"),
-        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "ought to be the header holds a number"),
+        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "the header line holds a number"),
     ],
 )
 def test_bad_files(tmp_path: Path, name: str, content: bytes, words: str) -> None:
@@ -212,7 +212,7 @@ def test_cut_csv_loses_its_last_line_only(tmp_path: Path) -> None:
     log = read(path)
     np.testing.assert_array_equal(log.t, LOG.t[:-1])
     said = "The log was cut in the middle of a line, which was dropped."
-    assert log.repairs == (f"{said} {np.ptp(log.t):.3g} s of it are left.",)
+    assert log.repairs == (f"{said} {np.ptp(log.t):.3g} s of it remain.",)
 
 
 @pytest.mark.parametrize("name", ["run.dat", "run.log", "run.asc", "run.out"])
@@ -240,13 +240,13 @@ def left_of(t: list[float]) -> str:
 
 def test_what_is_left_is_told_in_seconds_whatever_single_stamps_say() -> None:
     t = np.arange(0.0, 8.0, 0.01)
-    assert left_of([*t]) == "7.99 s of it are left."
+    assert left_of([*t]) == "7.99 s of it remain."
     for wild in (2.68e154, -1.79e308, 1e9):
         stray = t.copy()
         stray[[100, 500]] = wild, -wild
-        assert left_of([*stray]) in ("7.95 s of it are left.", "7.96 s of it are left.")
-    assert left_of([*(1e150 * t)]) == "Its times do not tell how much is left."
-    assert left_of([*t[:300], *(t[300:] + 2.0)]) == "9.99 s of it are left."  # a pause is part of it
+        assert left_of([*stray]) in ("7.95 s of it remain.", "7.96 s of it remain.")
+    assert left_of([*(1e150 * t)]) == "Its times do not show how much remains."
+    assert left_of([*t[:300], *(t[300:] + 2.0)]) == "9.99 s of it remain."  # a pause is part of it
     assert left_of([1.0]) == left_of([1.0, 1.0]) == ""
 
 
@@ -256,7 +256,7 @@ def test_a_last_line_without_an_end_may_be_whole(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().rstrip())
     log = read(path)
     np.testing.assert_array_equal(log.t, LOG.t[:-1])
-    assert log.repairs == ("The last line has no end (a cut file?) and was dropped.",)
+    assert log.repairs == ("The last line is incomplete (a truncated file?) and was dropped.",)
 
 
 def test_text_in_cells_is_dropped_with_its_row(tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_a_stored_log_is_read_with_the_robots_channels(tmp_path: Path) -> None:
 def test_a_stored_log_of_another_robot_is_refused(tmp_path: Path) -> None:
     channels = {n: replace(c, parts=("a", "b", "c")) for n, c in LOG.channels.items()}
     write_log(tmp_path / "0001.parquet", replace(LOG, channels=channels))
-    with pytest.raises(DataError, match=r"the log has a, b, c in its channel q, the robot pan_joint"):
+    with pytest.raises(DataError, match=r"the log has a, b, c in its channel q, but the robot has pan_joint"):
         read(tmp_path / "0001.parquet")
     write_log(tmp_path / "0002.parquet", LOG.without("command"))
     with pytest.raises(DataError, match="the log has no channel command"):
@@ -324,7 +324,7 @@ def test_a_wild_command_in_a_single_row_is_dropped(tmp_path: Path) -> None:
     command[77, 1] = 1e5
     log = read(write_csv(tmp_path / "run.csv", columns_of(with_values(LOG, command=command))))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, 77))
-    assert log.repairs == ("1 rows with a single wild command were dropped.",)
+    assert log.repairs == ("1 rows with a single outlier command were dropped.",)
 
 
 @pytest.mark.parametrize(

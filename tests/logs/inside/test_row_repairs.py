@@ -133,7 +133,7 @@ def test_mostly_pauses_is_refused() -> None:
 def test_single_wild_positions_are_dropped() -> None:
     log = cleaned(with_cells([(300, 1, 55.0), (900, 0, -0.9)]))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, [300, 900]))
-    assert log.repairs == ("2 rows with a single wild position were dropped.",)
+    assert log.repairs == ("2 rows with a single outlier position were dropped.",)
 
 
 def test_single_wild_positions_are_dropped_without_any_limit() -> None:
@@ -164,7 +164,7 @@ def test_constant_columns() -> None:
     still[:, 0] = 0.1
     log = cleaned(with_values(LOG, q=still))
     assert log.repairs == ("pan_joint did not move in this log.",)
-    with pytest.raises(DataError, match="command of lift_joint is constant although it moved"):
+    with pytest.raises(DataError, match="command of lift_joint is constant although the joint moved"):
         cleaned(with_cells([(i, 1, 0.0) for i in range(2000)], "command"))
     with pytest.raises(DataError, match="nothing moved"):
         cleaned(with_values(LOG, q=np.full_like(LOG["q"], 0.1)))
@@ -189,7 +189,7 @@ def test_rows_from_last_to_first_are_turned_round() -> None:
     log = cleaned(LOG.take(back))
     np.testing.assert_array_equal(log["q"], LOG["q"])
     np.testing.assert_array_equal(log.t, LOG.t)
-    assert log.repairs == ("By their times the rows stood from last to first, and were turned round.",)
+    assert log.repairs == ("The times were in decreasing order, so the order of the rows was reversed.",)
 
 
 def test_times_with_too_few_digits_are_refused_and_repeated_rows_are_not() -> None:

@@ -54,7 +54,7 @@ def test_a_row_of_units_is_believed(title: str, tmp_path: Path) -> None:
     content = text(table).split("\n", 1)[1]
     log = read(written(tmp_path, f"{title}{NAMES}\n{units}\n{content}"))
     assert_right(log, 1e-9)
-    assert "Units are those of the second row." in log.repairs
+    assert "The second row states the units." in log.repairs
 
 
 def test_two_rows_of_names(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_two_rows_of_names(tmp_path: Path) -> None:
 
 def test_more_cells_than_names_are_refused_as_ever(tmp_path: Path) -> None:
     rows = "\n".join(line + "," for line in ROWS.splitlines())
-    with pytest.raises(DataError, match=f"names {WIDTH} columns, and the first row has {WIDTH + 1} cells"):
+    with pytest.raises(DataError, match=f"names {WIDTH} columns, but the first row has {WIDTH + 1} cells"):
         read(written(tmp_path, f"{NAMES}\n{rows}\n"))
 
 

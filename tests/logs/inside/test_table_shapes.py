@@ -213,7 +213,7 @@ def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None
     pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
     with pytest.raises(
         DataError,
-        match=r"no column.*Rename.*What was read: Columns q, tau hold lists of no numbers",
+        match=r"no column.*Rename.*Columns read: Columns q, tau hold lists without numbers",
     ):
         read(tmp_path / "run.parquet")
 
@@ -257,5 +257,5 @@ def test_a_row_wider_than_the_header_is_named_in_figures(separator: str, tmp_pat
     header, *rows = text({"t": LOG.t, **plain()}, separator).splitlines()
     path.write_text("\n".join([header, *(f"{row}{separator}" for row in rows)]), encoding="utf-8")
     names = 1 + 2 * len(JOINTS)
-    with pytest.raises(DataError, match=f"names {names} columns, and the first row has {names + 1} cells"):
+    with pytest.raises(DataError, match=f"names {names} columns, but the first row has {names + 1} cells"):
         read(path)

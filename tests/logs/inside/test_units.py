@@ -195,7 +195,7 @@ def test_degrees_are_a_matter_of_units_not_of_names() -> None:
     np.testing.assert_array_equal(asked["command"], log["command"])
     believed = from_degrees(log, ("q", "qd"))
     np.testing.assert_array_equal(believed["q"], log["q"])
-    assert "believed" in believed.repairs[-1]
+    assert "and this unit was used" in believed.repairs[-1]
 
 
 @pytest.mark.parametrize(

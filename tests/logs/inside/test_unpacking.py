@@ -224,5 +224,5 @@ def test_arrays_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(buffer.getvalue()) < 1000
     np.testing.assert_equal(arrays_of(buffer.getvalue()), arrays)
     monkeypatch.setattr("etude.storage.LARGEST_ARRAYS", 8000)
-    with pytest.raises(ValueError, match="more than 1 GB"):
+    with pytest.raises(ValueError, match="exceed 1 GB"):
         arrays_of(buffer.getvalue())

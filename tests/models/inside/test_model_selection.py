@@ -345,9 +345,9 @@ def test_what_cannot_be_trained_is_refused(data) -> None:
         ({"noise_floor": -1.0}, "noise_floor must be a number >= 0"),
         ({"fit_spacing_s": float("nan")}, "fit_spacing_s must be a number >= 0"),
         ({"stretch_s": 0.0}, "stretch_s must be above 0"),
-        ({"sharing": "shared"}, "structured kernel is of one command"),
+        ({"sharing": "shared"}, "structured kernel is for one command"),
         ({"process": "ssgp_fixed"}, "squared exponential"),
-        ({"steps": -3}, "negative steps count evaluations"),
+        ({"steps": -3}, "negative steps are evaluations"),
     ],
 )
 def test_impossible_configurations_are_refused(change, message) -> None:

@@ -102,7 +102,7 @@ def test_one_trajectory_is_warned_of_and_keeps_its_process() -> None:
     found, bare = chosen(data), chosen(data, SMALL)
     assert found.chosen == ("gp", "gp")
     assert found.model.warnings[0].code == Warn.ONE_TRAJECTORY
-    assert str(found.model.warnings[0]).endswith("; tell another one.")
+    assert str(found.model.warnings[0]).endswith("; ingest another one.")
     np.testing.assert_array_equal(found.model.mean(data.log), bare.model.mean(data.log))
 
 

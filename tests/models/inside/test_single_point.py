@@ -59,7 +59,7 @@ def test_bad_input() -> None:
         PointMean([good, narrow])
     crossed = Linear((0,)) * Linear((1,)) * SquaredExponential((2,))
     strange = ExactGP(crossed, np.zeros(crossed.size), -1.0).condition(good.X, good.y)
-    with pytest.raises(UsageError, match="not made for"):
+    with pytest.raises(UsageError, match="not implemented for"):
         PointMean([good, strange])
     with pytest.raises(UsageError, match="one input of shape"):
         PointMean([good])(np.zeros((1, D)))

@@ -67,7 +67,7 @@ def test_the_standing_kernel_adds_memory_to_the_structured_one_and_is_stored() -
         np.abs(np.random.default_rng(3).normal(size=(5, 12))),
     )
     np.testing.assert_allclose(PointCovariances(kernel, theta, 12)(Z[0], Z), kernel.value(theta, Z[:1], Z)[0])
-    with pytest.raises(UsageError, match="what friction remembers"):
+    with pytest.raises(UsageError, match="the memory of friction"):
         standing(COLUMNS[:8], ("b",))
 
 

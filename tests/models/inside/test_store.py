@@ -119,17 +119,17 @@ def test_a_model_is_evaluated_without_compilers_and_simulators(tmp_path) -> None
 
 def test_damage_is_named_and_nothing_is_half_read(full, tmp_path) -> None:
     path = tmp_path / "model.npz"
-    with pytest.raises(DataError, match="no model that can be read"):
+    with pytest.raises(DataError, match="not a readable model"):
         loaded(path)
     whole = model_bytes(full)
     for part in (b"", whole[:200], whole[: len(whole) // 2], whole[:-30], b"not a zip file"):
         path.write_bytes(part)
-        with pytest.raises(DataError, match="no model that can be read"):
+        with pytest.raises(DataError, match="not a readable model"):
             loaded(path)
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 0xFF
     path.write_bytes(bytes(flipped))
-    with pytest.raises(DataError, match="no model that can be read"):
+    with pytest.raises(DataError, match="not a readable model"):
         loaded(path)
 
 
@@ -149,7 +149,7 @@ def test_foreign_words_are_refused(change, full, tmp_path) -> None:
     words = json.loads(bytes(arrays[WORDS])) | change
     arrays[WORDS] = np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)
     np.savez(tmp_path / "model.npz", **arrays)
-    with pytest.raises(DataError, match="no model that can be read"):
+    with pytest.raises(DataError, match="not a readable model"):
         loaded(tmp_path / "model.npz")
 
 

@@ -195,5 +195,5 @@ def test_what_comes_with_it_is_of_the_kind_that_its_group_says() -> None:
 def test_arrays_of_a_strangers_hold_no_objects(tmp_path: Path) -> None:
     """No file of a campaign is unpickled."""
     np.savez(tmp_path / "m.npz", words=np.array([SquaredExponential((0,), False, 1.0)], dtype=object))
-    with pytest.raises(EtudeError, match="no model that can be read"):
+    with pytest.raises(EtudeError, match="not a readable model"):
         store.load_model(tmp_path / "m.npz", lambda _: None, {})  # type: ignore[arg-type, return-value]

@@ -200,7 +200,7 @@ def test_learning_goes_on_whatever_the_clock_does(model, jump) -> None:
     online = started(model)
     Loop(online, model).run(6.0, wire=lambda t, row: (clock(t), row))
     assert online.counts.rebased >= 1
-    assert "The clock says" in online.reports[0][1]
+    assert "The clock shows" in online.reports[0][1]
     if jump == jump:  # without a clock at all the window never fills
         assert online.counts.learned.min() >= 8
 

@@ -377,9 +377,9 @@ def test_a_crazyflie_leans_as_the_motion_and_the_drag_need(dragged: Any, tmp_pat
 
 def test_who_has_no_numbered_motors_is_refused(model: Any) -> None:
     named = spec(("front", "back", "left", "right"))
-    with pytest.raises(UsageError, match="which motor is which"):
+    with pytest.raises(UsageError, match="the motors cannot be identified"):
         PX4(quadrotor_model("", points=12, spec=named), QUADROTOR, named, {})
-    with pytest.raises(UsageError, match="the model reads q, which no set-point tells"):
+    with pytest.raises(UsageError, match="the model reads q, which set-points do not contain"):
         PX4(arm_model("exact", "ard_se", points=12), ARM, arm_spec(), {})
     with pytest.raises(UsageError, match="asked at 100, 250, 500 Hz, not 400"):
         CRAZYFLIE(model, QUADROTOR, spec(), {"rate": 400})

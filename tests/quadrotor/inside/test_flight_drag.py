@@ -68,5 +68,5 @@ def test_a_push_from_behind_is_no_drag() -> None:
 
 def test_flights_without_velocity_are_refused() -> None:
     data = flights(0.0)
-    with pytest.raises(DataError, match="do not say their velocity"):
+    with pytest.raises(DataError, match="lack their velocity"):
         train_drag(samples_of(data.log.without("body_velocity")))

@@ -59,7 +59,7 @@ def test_ground_between_two_flights_is_cut_and_a_touch_is_not() -> None:
     assert kept.t[0] == pytest.approx(2.5)
     assert not ((kept.t > 19.51) & (kept.t < 25.49)).any()
     assert ((kept.t > 9.0) & (kept.t < 12.0)).sum() == pytest.approx(3.0 * RATE, abs=2)
-    assert "stands on the ground for 7.6 s" in kept.repairs[-1]
+    assert "is on the ground for 7.6 s" in kept.repairs[-1]
     assert len(log) - len(kept) == pytest.approx(8.5 * RATE, abs=2)
 
 

@@ -73,7 +73,7 @@ WRONG: dict[str, tuple[Callable[[Array], None], str]] = {
     "xyzw": (_put(TURN, lambda q: q[:, [1, 2, 3, 0]]), "the quaternion's parts are x, y, z, w"),
     "inverse": (
         _put(TURN, lambda q: q * [1.0, -1.0, -1.0, -1.0]),
-        "the attitude is that of the world in the body",
+        "the attitude is inverted",
     ),
     "world of NED": (_put(PLACE, _ned), "north, east, down"),
     "north, east, up": (_put(PLACE, lambda p: p[:, [1, 0, 2]]), "the position has (y, x, z)"),
@@ -86,7 +86,7 @@ WRONG: dict[str, tuple[Callable[[Array], None], str]] = {
     "sensors of FRD": (_frames, "x forward, y right, z down"),
     "motors late": (
         _put(MOTORS, lambda m: np.roll(m, 50, axis=0)),
-        "after the thrust and the torques that they make",
+        "after their thrust and torques",
     ),
 }
 
@@ -134,7 +134,7 @@ def test_instruments_that_agree_are_believed(
 ) -> None:
     assert inspected(tmp_path, table(seed)) == 0
     said = capsys.readouterr().out
-    assert "matches the turns of the attitude" in said
+    assert "matches the rotation of the attitude" in said
     assert "matches the motion of the position" in said
 
 

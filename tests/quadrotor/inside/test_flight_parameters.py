@@ -186,14 +186,14 @@ def test_what_flights_cannot_tell_is_said() -> None:
     assert slow["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02)
     bare = [flown(spec, seed).without("body_velocity", "body_acceleration", "altitude") for seed in range(2)]
     less = told(replace(spec, rotors=()), bare)
-    assert "does not say where its rotors are" in less["centre of mass x"]["known"]
+    assert "does not state the positions of its rotors" in less["centre of mass x"]["known"]
     assert "position or velocity" in less["rotor drag y"]["known"]
     assert less["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02)
 
 
 def test_a_vehicle_without_motors_and_a_kind_without_constants_are_answered() -> None:
     pelican = KIND.spec(KIND.built_in()["pelican"])
-    assert {row["known"] for row in told(pelican, []).values()} == {"cannot tell: commands are no motors"}
+    assert {row["known"] for row in told(pelican, []).values()} == {"cannot tell: commands are not motors"}
     target = plugins.load("etude.targets", "parameters")
     with pytest.raises(UsageError, match="kind 'boat' have no parameters to report"):
         target(None, SimpleNamespace(name="boat"), None, {})

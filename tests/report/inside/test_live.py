@@ -290,7 +290,7 @@ def test_the_robot_is_drawn_where_it_is_asked_to_be_and_where_it_is(tmp_path: Pa
     planned = SimpleNamespace(joints=campaign.axes[::-1], part="motion", speed=100, number=1)
     with chromium() as browser, RunView(tmp_path) as view:
         browser.get(view.address)
-        assert "The next motion is computed" in browser.page_source
+        assert "The next motion is being planned" in browser.page_source
         view.show(1)
         WebDriverWait(browser, 30).until(lambda b: "trajectory 1" in b.title)
         now = (

@@ -153,7 +153,7 @@ def test_a_campaign_without_evaluation_shows_held_out_scores(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("rounds", "sentence"),
     [
-        (0, "1 trajectory has been proposed, and no log has come back yet"),
+        (0, "1 trajectory has been proposed, but no log was ingested yet"),
         (1, "the first score comes with the second log"),
     ],
 )
@@ -167,7 +167,7 @@ def test_a_young_campaign_says_what_is_still_missing(tmp_path: Path, rounds: int
 def test_a_campaign_with_nothing_but_a_configuration_still_has_a_page(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text("seed = 1\n")
     page = drawn(tmp_path)
-    assert "Nothing has been asked yet" in page.text
+    assert "There is no trajectory yet" in page.text
     assert "the campaign could not be opened" in page.text
 
 
@@ -239,7 +239,7 @@ def test_the_rigid_body_that_counts_is_the_one_identified_last(tmp_path: Path) -
     write_campaign(tmp_path, rounds=2)
     facts = {"baseline": "rigid_body", "test": "fourier", "robot_seconds": 2 * SECONDS}
     commit(tmp_path, "evaluated", 2, CONFIG, [], tracking_error_deg=[0.777] * 4, **facts)
-    assert "With identified physics alone it is 0.777°" in drawn(tmp_path).text
+    assert "Identified physics alone has 0.777°" in drawn(tmp_path).text
 
 
 def test_each_round_says_what_it_bought(campaign: Path) -> None:
@@ -300,7 +300,7 @@ def test_the_prediction_drawn_is_that_of_the_model_before_the_newest_log(
     monkeypatch.setattr(record_module.Record, "model", model)
     text = drawn(campaign).text
     assert 4 in asked
-    assert "Log 5, predicted by the model learned from the logs before it" in text
+    assert "Log 5, predicted by the model trained on the earlier logs" in text
 
 
 def test_a_recorded_test_run_is_preferred_to_a_training_log(tmp_path: Path) -> None:
@@ -336,7 +336,7 @@ def test_one_real_log_is_scored_on_its_held_out_blocks(tmp_path: Path) -> None:
     assert "explained" not in text
     assert "the first score comes with the second log" in text
     assert "cut into 5 blocks" in text
-    assert "may err many times as much" in text
+    assert "may be many times as large" in text
     for value in (0.011, 0.012, 0.013, 0.31, 0.32, 0.33):
         assert number(value) in text
 

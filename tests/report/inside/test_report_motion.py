@@ -86,7 +86,7 @@ def test_a_robot_with_a_model_file_is_drawn_and_one_without_is_not(folder: Path,
     assert "Trajectory 2" in page
     assert "http" not in page
     assert page.count('class="ghost"') == 6
-    assert "what robot.toml names: floor, fence, table &lt;left&gt;, shelf, the tool that it carries." in page
+    assert "from robot.toml: floor, fence, table &lt;left&gt;, shelf, the tool that it carries." in page
     assert "Too far away to be drawn: hall." in page
     write_campaign(tmp_path, 1)
     assert motion(read_record(tmp_path)) == ""

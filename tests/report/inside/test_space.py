@@ -179,14 +179,17 @@ def test_a_file_that_changed_since_the_proof_is_said(tmp_path: Path, monkeypatch
     again.mkdir()
     write_space(first)
     known = open_campaign(first).config_sha256
-    assert "This was proved before campaign.toml changed." in page(read_record(first), 1)[0]
+    assert "This certificate is older than the change of campaign.toml." in page(read_record(first), 1)[0]
     monkeypatch.setattr("synthetic_campaign.CONFIG", known)
     write_space(again)
-    assert "was proved before" not in page(read_record(again), 1)[0]
+    assert "This certificate is older than the change" not in page(read_record(again), 1)[0]
     config = again / "campaign.toml"
     config.write_text(config.read_text().replace("duration = ", "duration = 1", 1))
     text = page(read_record(again), 1)[0]
-    assert f"campaign.toml changed. Ask for another before the robot moves: etude ask {again} --new" in text
+    assert (
+        f"the change of campaign.toml. Write another trajectory before the robot moves: etude ask {again} "
+        "--new"
+    ) in text
 
 
 def test_a_trajectory_that_was_changed_is_not_shown(tmp_path: Path) -> None:
@@ -195,4 +198,4 @@ def test_a_trajectory_that_was_changed_is_not_shown(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("1", "2", 1))
     with pytest.raises(UsageError, match="cannot be shown") as refused:
         page(read_record(tmp_path), 1)
-    assert "changed after it was committed" in refused.value.next_step
+    assert "changed after Étude stored it" in refused.value.next_step

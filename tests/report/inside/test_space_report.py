@@ -116,7 +116,7 @@ def test_headline_and_table_say_the_journals_distances(flown: Path, page: Page) 
     assert f"{after} the robot follows a random test flight" in page.text
     assert f"a mean error of {now}." in page.text
     assert f"PID control alone has {with_unit(first['pid'], 'm')}" in page.text
-    assert f"exact linear drag as well {with_unit(first['exact_drag'], 'm')}" in page.text
+    assert f"exact linear drag {with_unit(first['exact_drag'], 'm')}" in page.text
 
 
 def test_an_evaluation_in_space_stands_for_its_distance(flown: Path) -> None:
@@ -170,7 +170,7 @@ def test_no_flight_is_coloured_by_a_model_that_had_learned_it(
     assert [number_ for number_, _ in said] == [1, ROUNDS]
     assert said[0][1] == "0002.parquet"
     assert said[1][1].startswith("simulated")
-    assert "no model yet when it was run" in source
+    assert "no model at the time of the run" in source
 
 
 def test_bright_is_where_the_deviation_is_large() -> None:
@@ -288,7 +288,7 @@ def test_every_rung_of_the_ladder_has_its_curve(flown: Path, page: Page) -> None
     trained = read_record(flown).state.trained[-1].trained
     assert trained is not None
     for title, structures in (
-        ("On told logs left out", trained.held_out_mae),
+        ("Cross-validation on ingested logs", trained.held_out_mae),
         ("On each new log", trained.models),
     ):
         (svg,) = panels(flown, title)
@@ -300,7 +300,7 @@ def test_every_rung_of_the_ladder_has_its_curve(flown: Path, page: Page) -> None
 
 def test_a_real_vehicle_has_held_out_scores_and_its_newest_flight(copy: Path) -> None:
     text = drawn(as_if_real(copy)).text
-    assert "There is no simulated test of this robot" in text
+    assert "This robot has no simulated test" in text
     assert "The newest log, number 2." in text
 
 
@@ -311,7 +311,7 @@ def test_a_log_without_positions_says_so(copy: Path) -> None:
         path = copy / "runs" / f"{number_:04d}.parquet"
         write_log(path, read_log_file(path).without("position", "position_des"))
     text = drawn(as_if_real(copy)).text
-    assert "No log with positions has come back yet" in text
+    assert "No log with positions was ingested yet" in text
     assert "no desired position" in text
 
 

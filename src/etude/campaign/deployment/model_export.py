@@ -84,7 +84,7 @@ def _read(campaign: Campaign, place: Path) -> Trajectory:
         raise UsageError(
             problem.fact,
             where=str(place),
-            next_step="Name a trajectory.json, as in proposals/NUMBER, or a table with a time and the path.",
+            next_step="Name a trajectory.json from proposals/NUMBER, or a table with a time and the path.",
         ) from None
 
 
@@ -93,7 +93,7 @@ def _newest_proposal(campaign: Campaign) -> MotionWithLimits:
     proposals = [r for _, r in sorted(campaign.state().rounds.items()) if r.asked is not None]
     if not proposals:
         raise UsageError(
-            "nothing was proposed yet", where=str(campaign.path), next_step="--set motion=trajectory.json"
+            "there is no proposal yet", where=str(campaign.path), next_step="--set motion=trajectory.json"
         )
     newest = proposals[-1]
     motion = stored_trajectory(campaign, newest.number)
@@ -179,7 +179,7 @@ def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[s
         with campaign.writing():
             campaign.commit(Exported(target=to, place=place, model_sha256=digest))
     except EtudeError as error:
-        return (f"The journal does not know of this export: {error.fact}.",)
+        return (f"The journal could not record this export: {error.fact}.",)
     return ()
 
 

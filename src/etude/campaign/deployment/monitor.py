@@ -23,8 +23,8 @@ from etude.types import Samples
 
 Verdict = Literal["unchanged", "changed", "refused"]
 DRIFT_ONSETS: dict[DriftOnset, str] = {
-    "at once": "It came at once.",
-    "little by little": "It is a drift: the errors grow from log to log.",
+    "at once": "The change is abrupt.",
+    "little by little": "The change is a drift: the errors grow from log to log.",
     "cannot tell": "",
 }
 
@@ -138,7 +138,7 @@ def _watch_log(
             path, change_test(used.model, samples, body_of(campaign.kind, campaign.spec)), samples
         )
     except KeyError as error:
-        return WatchedLog(path, "refused", f"it lacks an input of the model ({error.args[0]})")
+        return WatchedLog(path, "refused", f"the log lacks an input of the model ({error.args[0]})")
     except DataError as error:
         return WatchedLog(path, "refused", error.fact)
 
@@ -147,7 +147,7 @@ def of_samples(path: Path, test: ChangeTest, samples: Samples) -> WatchedLog:
     """The result of the test of a log's samples, in words."""
     most, z2 = float(test.evidence.max(initial=0.0)), test.z2
     if test.alarm is None:
-        sentence = f"the robot that the model knows (squared errors {test.z2:.3g} times their variance)"
+        sentence = f"no change of the robot (squared errors {test.z2:.3g} times their variance)"
         return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, test=test)
     seconds = float(samples.t[test.alarm] - samples.t[0])
     command = "" if test.output is None else samples.log.channels["command"].parts[test.output]
@@ -168,8 +168,8 @@ def _kind(changed: Sequence[WatchedLog]) -> str:
 def _no_change_sentence(logs: Sequence[WatchedLog]) -> str:
     unchanged = [one for one in logs if one.verdict == "unchanged"]
     if not unchanged:
-        return "No log could be judged."
-    return f"Nothing speaks of another robot in {len(unchanged)} log{'s'[: len(unchanged) > 1]}."
+        return "No log could be compared with the model."
+    return f"No change of the robot in {len(unchanged)} log{'s'[: len(unchanged) > 1]}."
 
 
 def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:

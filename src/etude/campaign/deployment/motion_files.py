@@ -79,7 +79,7 @@ def motion_of_table(campaign: Campaign, place: Path) -> Splined:
     log = order_rows(drop_unreadable(log, recorded=False))
     if len(log) <= DEGREE:
         raise UsageError(
-            f"the table has {len(log)} rows, a smooth motion takes {DEGREE + 1} or more",
+            f"the table has {len(log)} rows; a smooth motion needs {DEGREE + 1} or more",
             where=str(place),
             next_step="Write more rows along the path.",
         )
@@ -100,9 +100,10 @@ def _refuse_heading(raw: Log, place: Path) -> None:
     for name, values in raw.values.items():
         if _base_name(name) in ("yaw", "heading") and np.abs(values).max(initial=0.0) > TURNED:
             raise UsageError(
-                f"{name} is up to {np.abs(values).max():.3g}, and planned flights have the heading 0",
+                f"{name} is up to {np.abs(values).max():.3g}, but planned flights have the heading 0",
                 where=str(place),
-                next_step="Set it to 0: the vehicle then looks along x. Of a constant heading turn x and y.",
+                next_step="Set it to 0: the vehicle then points along x. For another constant heading, "
+                "rotate x and y.",
             )
 
 
@@ -126,8 +127,8 @@ def _curve(t: Array, rows: Array, place: Path) -> Splined:
     away = float(np.abs(splined.motion(t, 1).orders[0] - rows).max())
     if away > MISSED * float(np.ptp(rows, axis=0).max()):
         raise UsageError(
-            f"no smooth motion follows these rows: the nearest is up to {away:.3g} off",
+            f"no smooth motion follows these rows: the nearest one deviates by up to {away:.3g}",
             where=str(place),
-            next_step="Remove leaps and noise from the path, or write rows at more times along its corners.",
+            next_step="Remove jumps and noise from the path, or add rows at its corners.",
         )
     return splined

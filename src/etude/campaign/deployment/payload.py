@@ -30,8 +30,8 @@ SCALE = "scale"
 """The check of command units that a load may trigger."""
 MUCH_LEFT = 4.0
 """Ratio of squared errors with the load to the predicted variance; above it more than a load has changed."""
-MOTION = "Record the motion that shows most of it: etude ask {} --payload."
-ITS_MOTION = "This log is of the motion that shows most of it."
+MOTION = "Record the motion that identifies the payload best: etude ask {} --payload."
+ITS_MOTION = "This log is of the motion that identifies the payload best."
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +98,16 @@ def weighable(campaign: Campaign) -> SupportsVariations:
     """The physics of the model file. UsageError: there are none, or the kind of robot has no payload."""
     if not isinstance(campaign.kind, SupportsPayload):
         raise UsageError(
-            f"robots of the kind '{campaign.kind.name}' have no payload that can be weighed",
+            f"robots of the kind '{campaign.kind.name}' have no payload that Étude can estimate",
             where=str(campaign.path / ROBOT),
-            next_step=f"What logs say of its body: etude export {typed(campaign.path)} --to parameters.",
+            next_step=f"Parameters that logs identify: etude export {typed(campaign.path)} --to parameters.",
         )
     body: object = body_of(campaign.kind, campaign.spec)
     if isinstance(body, SupportsVariations):
         return body
     raise UsageError(
-        f"the payload of '{campaign.spec.name}' cannot be estimated: the estimate needs a model file with "
-        "masses and commands that are forces",
+        f"the payload of '{campaign.spec.name}' cannot be estimated without a model file with masses and "
+        "commands that are forces",
         where=str(campaign.path / ROBOT),
         next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
     )
@@ -141,8 +141,8 @@ def _sentences(load: Load, better: str) -> tuple[str, ...]:
     if load.left <= MUCH_LEFT:
         return sentences
     other = (
-        f"Errors of {load.left:.2g} times their variance are left, so that more than a load differs from the "
-        "model, if the log is of this robot at all. etude watch names other causes."
+        f"With this load, squared errors are still {load.left:.2g} times their variance: more than a load "
+        "has changed, or the log is of another robot. etude watch names other causes."
     )
     return (*sentences, other)
 
@@ -150,19 +150,23 @@ def _sentences(load: Load, better: str) -> tuple[str, ...]:
 def _load_sentences(load: Load, better: str) -> tuple[str, ...]:
     low, high = load.interval
     if load.verdict == "cannot tell":
-        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {better}",)
+        return (f"The motion does not determine the load: {low:.2g} to {high:.2g} kg. {better}",)
     if load.verdict == "none":
-        shows = "No load shows" if low <= 0.0 <= high else "Less than four deviations, which is no load yet"
+        shows = (
+            "No load is visible"
+            if low <= 0.0 <= high
+            else "Not significant, since below four standard deviations"
+        )
         return (f"{shows}: {low:.2g} to {high:.2g} kg.",)
-    less = " less than the model knows" if load.mass < 0.0 else ""
+    less = " less than in the model" if load.mass < 0.0 else ""
     sentences = [f"{abs(load.mass):.3g} kg +- {NORMAL_95 * load.deviation:.2g} kg (95 %){less}."]
     axes = zip("xyz", load.centre.tolist(), (NORMAL_95 * load.centre_deviation).tolist(), strict=True)
     coordinates = [
-        f"{name} {1e3 * value:.0f} +- {1e3 * wide:.0f} mm" if wide <= TOLD else f"{name} cannot be told"
+        f"{name} {1e3 * value:.0f} +- {1e3 * wide:.0f} mm" if wide <= TOLD else f"{name} cannot be determined"
         for name, value, wide in axes
     ]
     sentences.append(
-        f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(coordinates)}."
+        f"Centre of mass in the frame of the link that the last axis moves: {', '.join(coordinates)}."
     )
     if (NORMAL_95 * load.centre_deviation > TOLD).any():
         sentences.append(better)
@@ -175,15 +179,16 @@ def _written(campaign: Campaign, used: DeployedModel, load: Load, better: str) -
         raise UsageError(f"nothing to write: {_sentences(load, better)[0]}", where=str(place))
     if NORMAL_95 * load.deviation > ROUGH * abs(load.mass):
         raise UsageError(
-            f"the load is known too roughly to be written: {_sentences(load, better)[0]}",
+            f"the estimate is too uncertain to be written: {_sentences(load, better)[0]}",
             where=str(place),
             next_step=better,
         )
     if of_another_body(campaign, used.number):
         raise UsageError(
-            "robot.toml states another payload than the model was learned with, so nothing was added to it",
+            "the payload in robot.toml differs from that of the model's training, so nothing was added to it",
             where=str(place),
-            next_step="Put back what it stated then, or tell a log of the robot as it is: --changed new.",
+            next_step="Restore the payload of that time, or ingest a log of the robot as it is now: "
+            "--changed new.",
         )
     text = kind.with_payload(campaign.spec, place.read_text(encoding="utf-8"), load.mass, load.centre)
     with campaign.writing():

@@ -154,7 +154,7 @@ def _propose(
     mass = SHARE * _require_mass(campaign, log, body)
     apparent = apparent_of(campaign, used.model, body)
     aim = Weighs(used.model, body, apparent, mass, family, used.model.inputs)
-    say("Designing a motion that shows the payload.")
+    say("Designing a motion that identifies the payload.")
     design = search(aim, candidates, replace(config.design, refine=REFINED, steps=STEPS), limits)
     motion = from_rest(campaign, design.best.trajectory, limits)
     motion_constraints = constraints.of(motion)
@@ -193,9 +193,9 @@ def _require_mass(campaign: Campaign, log: Log, body: SupportsVariations) -> flo
     whole = whole_mass(log, body, np.asarray(campaign.kind.limit(campaign.spec)))
     if whole == 0.0:
         raise UsageError(
-            f"no command of '{campaign.spec.name}' holds a load: all axes meet at the payload",
+            f"no command of '{campaign.spec.name}' depends on a load: all axes meet at the payload",
             where=str(campaign.path),
-            next_step="Choose more joints with --joints, or weigh it on a scale.",
+            next_step="Choose more joints with --joints, or weigh the load on a scale.",
         )
     return whole
 
@@ -204,10 +204,10 @@ def forecast(covariance: Array, mass: float) -> str:
     """Expected 95 % intervals for a load of `mass` kg with its centre at the link's origin."""
     wide = NORMAL_95 * np.sqrt(np.diag(covariance)) / np.array([1.0, mass, mass, mass])
     axes = [
-        f"{name} +- {1e3 * half_width:.0f} mm" if half_width <= TOLD else f"{name} cannot be told"
+        f"{name} +- {1e3 * half_width:.0f} mm" if half_width <= TOLD else f"{name} cannot be determined"
         for name, half_width in zip("xyz", wide[1:].tolist(), strict=True)
     ]
     return (
-        f"to weigh the payload. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "
+        f"to identify the payload. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "
         f"{', '.join(axes)}"
     )

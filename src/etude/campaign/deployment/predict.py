@@ -66,12 +66,12 @@ def predict(
         if not place.exists():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         if is_plan(campaign, place):
-            say(f"{place.name} is the table of {place.stem}.json: the motion itself was taken.")
+            say(f"{place.name} is the table of {place.stem}.json, so the motion of that file is used.")
             place = place.with_suffix(".json")
         if place.suffix == ".json":
             return _along(campaign, model, _planned(campaign, place), scatter)
         if is_path_alone(campaign, place):
-            say(f"{place.name} holds a path alone: commands are those along it, as it is planned.")
+            say(f"{place.name} holds only a path: the commands are those of the motion planned along it.")
             return _along(campaign, model, motion_of_table(campaign, place), scatter)
         motion = _read(campaign, place, degrees)
         try:
@@ -90,7 +90,7 @@ def _missing_state_advice(place: Path) -> str:
     """Advice for a table that lacks a state that the model needs."""
     planned = place.with_suffix(".json")
     instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
-    return f"Add velocities and accelerations, named as in logs; or name {instead}, or a longer motion."
+    return f"Add velocities and accelerations, named as in logs. Or name {instead}, or a longer motion."
 
 
 def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
@@ -116,7 +116,9 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
         motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
-    note = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
+    note = (
+        f"{' and '.join(missing)} computed from the positions by the filter of training, which cuts the ends."
+    )
     derived = _with_recorded_rates(motion, samples.log, missing)
     repairs = [sentence for sentence in motion.repairs if sentence not in derived.repairs]
     return derived.repaired(*repairs, note[0].upper() + note[1:])
@@ -138,14 +140,14 @@ def _planned(campaign: Campaign, place: Path) -> Trajectory:
     try:
         motion = from_json(place.read_bytes())
     except UsageError as error:
-        step = "Name a trajectory.json that etude ask wrote, or a table with a time and the robot's columns."
+        step = "Name a trajectory.json of etude ask, or a table with a time and the robot's columns."
         raise UsageError(error.fact, where=str(place), next_step=step) from None
     axes, expected = motion.motion(np.zeros(1), 1).orders[0].shape[1], len(campaign.axes)
     if axes != expected:
         raise DataError(
             f"the motion has {axes} axes, and {campaign.name} has {expected}",
             where=str(place),
-            next_step="Name a motion of this robot, or the campaign of the robot that it is of.",
+            next_step="Name a motion of this robot, or the campaign of the motion's robot.",
         )
     return motion
 
@@ -203,8 +205,8 @@ def _outside_sentence(model: LearnedModel, beyond: Mask) -> list[str]:
         f"{name} {share:.3g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0
     ]
     return [
-        f"Outside of what was learned, of all rows: {', '.join(texts)}. There the deviation is more than "
-        "twice that of training, and where nothing is known the command is physics alone, or a level without."
+        f"Rows outside the training data: {', '.join(texts)}. Their deviation is more than twice that of "
+        "training. Where nothing is known, the command is physics alone, or a constant without physics."
     ]
 
 
@@ -241,5 +243,7 @@ def _columns(prediction: Log) -> dict[str, Array]:
         channel: Channel = prediction.channels[name]
         columns |= {f"{name}_{part}": prediction[name][:, j] for j, part in enumerate(channel.parts)}
     if not np.isfinite(np.column_stack([*columns.values()])).all():
-        raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
+        raise DataError(
+            "the model's prediction is not finite", next_step="Do not run this. Train the model again."
+        )
     return columns

@@ -83,12 +83,14 @@ def promote(
         DataError: the held-out data cannot be read, or the model is of an earlier version and has none.
     """
     if force and not reason.strip():
-        raise UsageError("a forced promotion says why", where="--force", next_step='Add --reason "...".')
+        raise UsageError(
+            "a forced promotion needs a reason", where="--force", next_step='Add --reason "...".'
+        )
     with campaign.writing():
         state = campaign.state()
         if not state.trained:
             raise UsageError(
-                "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
+                "nothing has been learned yet", where=str(campaign.path), next_step="Ingest a log first."
             )
         check_model(campaign, state)
         number = state.trained[-1].number
@@ -119,7 +121,7 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
         promoted = campaign.state().promoted
         if len(promoted) < 2:
             what = "nothing was promoted yet" if not promoted else "no model was in use before this one"
-            another = "another, once more logs are learned" if promoted else "one"
+            another = "another model, after training on more logs" if promoted else "one"
             raise UsageError(
                 what,
                 where=str(campaign.path),
@@ -201,9 +203,10 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
     samples = in_order(ingested_samples(campaign, logs)).take(left_out.rows)
     if not np.array_equal(samples.group, left_out.group):
         raise DataError(
-            "the logs give other samples than when they were learned",
+            "the logs give other samples than at the time of training",
             where=str(campaign.path),
-            next_step="campaign.toml was edited since: tell another log, and all are learned again.",
+            next_step="campaign.toml was edited since: ingest another log, and the model is trained on "
+            "all logs again.",
         )
     fresh = _fresh_logs(campaign, state, logs, set(promoted.logs))
     error = _errors(before, samples, judge(samples, campaign.config.model))

@@ -104,9 +104,9 @@ def _feedforward_file(campaign: Campaign, number: int, files: TrajectoryFiles) -
     model = None if asked is None else model_of_sha256(campaign, asked.model_sha256)
     if model is None:
         raise UsageError(
-            f"the model whose commands are in {FEEDFORWARD} is not in use any more",
+            f"the model whose commands are in {FEEDFORWARD} is no longer in use",
             where=str(place),
-            next_step=f"Ask for another motion: etude ask {typed(campaign.path)} --confirm --new.",
+            next_step=f"Write another motion: etude ask {typed(campaign.path)} --confirm --new.",
         )
     return {place: feedforward_bytes(campaign, files, model)}
 
@@ -150,11 +150,11 @@ def _select_motion(
         except UnsafeTrajectoryError:
             continue
         slow = "" if speed == FULL else f", at {speed} % of its speed"
-        return files, f"to confirm: drawn as the tests are{slow}, never trained on"
+        return files, f"confirmation: drawn like the test motions{slow}, never used for training"
     motion = from_rest(campaign, typical_motions(campaign, rng, 1, limits, grown=True)[0], limits)
     return _rendered(
         campaign, motion, limits, constraints
-    ), "to confirm: random inside the limits, never trained on"
+    ), "confirmation: random inside the limits, never used for training"
 
 
 def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[Trajectory, int]]:

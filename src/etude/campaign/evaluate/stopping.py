@@ -43,7 +43,7 @@ class LogOutcome:
         robot_minutes: recorded motion so far, min.
         coverage: fraction of an output's commands inside its 95 % intervals, on logs left out; smallest over
             the outputs, None if unknown.
-        red: the red alerts. slow: the logs hold slow motion alone, so the forecast is of no faster one.
+        red: the red alerts. slow: the logs contain slow motion only, so the forecast is of no faster one.
         segments: learned so far. Fewer than `promote` needs to compare models call for another log.
     """
 

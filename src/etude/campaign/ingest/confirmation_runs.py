@@ -31,11 +31,11 @@ def take_run(
     """Measure and store a run of a confirmation motion. The caller holds the lock. Errors as `tell`."""
     run = how["confirm"]
     if run not in RUNS:
-        raise UsageError(f"--confirm {run}: no such run", next_step=f"Runs: {', '.join(RUNS)}.")
+        raise UsageError(f"--confirm {run}: there is no such run", next_step=f"Runs: {', '.join(RUNS)}.")
     numbers = [r.number for r in reversed(state.confirmations)]
     if not numbers or (number is not None and number not in numbers):
         raise UsageError(
-            "no such motion to confirm was asked for",
+            "there is no such confirmation motion",
             where=str(campaign.path),
             next_step=f"etude ask {typed(campaign.path)} --confirm.",
         )
@@ -84,7 +84,7 @@ def _identify_recording(
     number = evidence.answers(campaign)
     if number is None or number not in numbers:
         raise DataError(
-            "this is no recording of a whole motion that confirms",
+            "this is not a recording of a whole confirmation motion",
             where=str(path),
             next_step="Give recordings of the motion that etude ask --confirm writes, run from start to end.",
         )
@@ -102,14 +102,14 @@ def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> N
         return
     if state.rounds[number].weighs:
         raise DataError(
-            f"this is a run of trajectory {number}, which weighs a load and is never learned from",
+            f"this is a run of trajectory {number}, a payload motion that is never used for training",
             where=str(path),
             next_step=f"etude payload {typed(campaign.path)} --log {typed(path)}",
         )
     raise DataError(
-        f"this is a run of trajectory {number}, which confirms and is never learned from",
+        f"this is a run of trajectory {number}, a confirmation motion that is never used for training",
         where=str(path),
-        next_step="Say which run: --confirm without, or --confirm with the feedforward.",
+        next_step="State the run: --confirm without the feedforward, or --confirm with it.",
     )
 
 
@@ -127,7 +127,9 @@ def measured_run(
     path = campaign.kind.path
     inside = (log.t >= 0.0) & (log.t <= trajectory.duration)
     if path not in log or not inside.any():
-        raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
+        raise DataError(
+            "the log of a confirmation motion needs positions", where=log.source, next_step=f"Log {path}."
+        )
     log = log.take(inside)
     units = campaign.channel(path).units
     figures = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}

@@ -112,7 +112,7 @@ def answered_proposal(
                     raise
     if refused is None:
         return None
-    foreign = "If it answers no proposal at all, tell it with --foreign."
+    foreign = "If the log belongs to no proposal, ingest it with --foreign."
     raise DataError(refused.fact, where=refused.where, next_step=f"{refused.next_step} {foreign}".strip())
 
 

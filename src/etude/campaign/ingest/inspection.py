@@ -157,14 +157,14 @@ def guessed_of(raw: Log) -> tuple[tuple[Channel, ...], str]:
     """The channels guessed from raw columns, and the reason if there are none."""
     channels = guessed_channels(list(raw.values))
     if not channels:
-        return (), "No header says position and command of a joint"
+        return (), "No header names the position and the command of a joint"
     try:
         columns = match_columns(list(raw.values), channels, raw.source).channels["q"]
     except DataError as error:
-        return (), f"The headers do not tell which joints there are ({error.fact})"
+        return (), f"The headers do not identify the joints ({error.fact})"
     if _is_quaternion(np.hstack([raw[column.name] for column in columns])):
         names = ", ".join(column.name for column in columns)
-        return (), f"{names} are an orientation, of length 1 throughout, and no joints"
+        return (), f"{names} are not joints but an orientation, since their length is always 1"
     return channels, ""
 
 
@@ -267,7 +267,7 @@ def _findings_of_tell(log: Log, robot: _KnownRobot, stated: Stated) -> Inspected
     if not any(f.light == "red" for f in findings):
         findings += _run_check("motion", lambda: _motion(rows, robot, motion))
     if any(f.light == "red" for f in findings):
-        later = "Ranges and commands are checked when the motion is right."
+        later = "Ranges and commands are checked once the motion is plausible."
         return Inspected(rows, (*findings, Finding("commands", "cannot tell", later)))
     findings += _run_check("commands", lambda: _commands(rows, robot, motion))
     clean, ranges = _ranges(rows, robot, stated)
@@ -282,7 +282,7 @@ def _findings_of_tell(log: Log, robot: _KnownRobot, stated: Stated) -> Inspected
 def _columns(log: Log, robot: _KnownRobot) -> Finding:
     """Which columns were matched, and how."""
     if not robot.channels:
-        fact = f"{robot.why}: columns are checked one by one."
+        fact = f"{robot.why}, so each column is checked separately."
         return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
     matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
     guessed = "" if robot.kind else "guessed from the headers, "
@@ -292,10 +292,12 @@ def _columns(log: Log, robot: _KnownRobot) -> Finding:
 
 def _motion(log: Log, robot: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
     if not robot.channels:
-        return (Finding("motion", "cannot tell", "Without --robot it is unknown which columns move."),)
+        return (
+            Finding("motion", "cannot tell", "Without --robot it is unknown which columns are positions."),
+        )
     if motion is None:
         what = "joint positions" if robot.path == "q" else robot.path
-        fact = f"The log has no {what} to look at, or is too short."
+        fact = f"The log has no {what}, or is too short."
         return (Finding("motion", "cannot tell", fact),)
     usual = robot.rate if robot.kind else None
     truth = judge_motion(log, robot.path, robot.channels, robot.limits, usual, motion)
@@ -315,12 +317,12 @@ def _ranges(log: Log, robot: _KnownRobot, stated: Stated) -> tuple[Log, tuple[Fi
         return log, (_refused("units and ranges", error),)
     if clean.repairs:
         return clean, (Finding("units and ranges", "yellow", " ".join(clean.repairs)),)
-    return clean, (Finding("units and ranges", "green", "Units and ranges are those of the robot."),)
+    return clean, (Finding("units and ranges", "green", "Units and ranges fit the robot."),)
 
 
 def _units(log: Log, stated: Stated) -> tuple[Finding, ...]:
     check_lengths(log, stated)
-    fact = "Nothing speaks against SI units; a robot's limits would tell more (--robot)."
+    fact = "The values fit SI units; a robot's limits would allow a stricter check (--robot)."
     return (Finding("units", "green", fact),)
 
 

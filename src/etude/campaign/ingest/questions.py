@@ -195,7 +195,7 @@ class LogQuestions:
 
     def _accept(self, finding: Finding) -> Finding:
         """The finding to be stored with the log after the question was accepted; no question any more."""
-        sentence = f"{finding.sentence} Taken as it is, as asked."
+        sentence = f"{finding.sentence} Used without a repair, as asked."
         self.accepted.append(Finding(finding.check, "yellow", sentence, spans=finding.spans))
         return self.accepted[-1]
 
@@ -273,7 +273,9 @@ def judged_commands(
     return (*findings, *others, *by_file)
 
 
-MADE_UP = "Inertias of the model file look like placeholders, so it judges neither units nor signs."
+MADE_UP = (
+    "The inertias in the model file look like placeholders, so units and signs are not checked against it."
+)
 
 
 def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
@@ -282,7 +284,14 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
         return ()
     body = judging_body(kind, spec)
     if body is None:
-        return (Finding(SCALE, "cannot tell", MADE_UP, "Correct its masses, or check signs and units."),)
+        return (
+            Finding(
+                SCALE,
+                "cannot tell",
+                MADE_UP,
+                "Correct the masses of the model file, or check signs and units.",
+            ),
+        )
     finding = judge_unit(log, body, kind.limit(spec), motion)
     return () if finding is None else (finding,)
 

@@ -97,16 +97,16 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
     lacks_gravity = about.get("gravity_in_command") is False and about.get("command_of") != "measured"
     if recording.reached < LEAST_TAUGHT_S:
         raise DataError(
-            f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
+            f"the motion ended after {recording.reached:.2f} s, too early for training",
             where=str(path),
             next_step="Run it again.",
         )
     if not is_even(recording):
         raise DataError(
-            f"{recording.late} of {len(recording.t)} cycles came late: set-points and commands are not those "
-            "of the motion",
+            f"{recording.late} of {len(recording.t)} cycles were late: set-points and commands are not "
+            "those of the motion",
             where=str(path),
-            next_step="Give this computer less to do, or the driver a lower rate; then run the motion again.",
+            next_step="Reduce the load of this computer or the driver's rate; then run the motion again.",
         )
     return Evidence(recording, control, lacks_gravity)
 
@@ -133,7 +133,7 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
         return log
     log = log.put(campaign.command, log[campaign.command.name] + added)
     return log.repaired(
-        "The robot adds gravity after its commands: that of the model file was added to them."
+        "The robot adds gravity after its commands, so the gravity of the model file was added to the log."
     )
 
 
@@ -175,7 +175,7 @@ def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int |
         return planned_log(campaign, evidence, log), number
     recording = evidence.recording
     why = recording.reason or recording.ended.value
-    sentence = f"The motion ended at {recording.reached:.2f} s ({why}): it teaches up to there."
+    sentence = f"The motion ended at {recording.reached:.2f} s ({why}); the log is used up to there."
     return start_at_zero(log).repaired(sentence), None
 
 

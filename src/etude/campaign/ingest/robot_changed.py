@@ -31,22 +31,23 @@ ENORMOUS, MUCH_LEFT = 100.0, 0.2
 """Nats needed after a single log, and the limit on what the estimated change may leave. After one log,
 unvisited states are predicted badly, but such errors look neither like a load nor like a factor.
 """
-OTHER = "the robot is not the one that the model knows"
+OTHER = "the robot differs from the one that the model was trained on"
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
-    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts on one axis "
-    "in poses much alike",
-    "gain": "a sensor of one command is out of scale: the errors are in proportion to that command",
-    "encoder": "a position sensor has a new offset: the errors are what all commands change by with it",
-    "stuck": "a sensor is stuck: it shows the same value while the joint moves",
-    "unknown": "which part of it cannot be told from the errors",
+    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts on one "
+    "axis in similar poses",
+    "gain": "a sensor of one command has a wrong scale: the errors are proportional to that command",
+    "encoder": "a position sensor has a new offset: the errors are those that this offset causes in all "
+    "commands",
+    "stuck": "a sensor is frozen: it shows the same value while the joint moves",
+    "unknown": "the errors do not determine the cause",
 }
 KINDS: dict[Cause, str] = {"load": "payload", "friction": "friction", **dict.fromkeys(SENSOR, "sensor")}
 """Kind of change by cause; other causes are unknown."""
 STEP = (
-    f"Say what it is: {FLAG} new learns from this log and those to come alone, {FLAG} forget sets this log "
-    f"aside (the change was for a while), {FLAG} same learns it with the others."
+    f"Answer the question: {FLAG} new learns from this log and later ones only; {FLAG} forget excludes this "
+    f"log (a temporary change); {FLAG} same learns it with the others."
 )
 
 
@@ -103,9 +104,8 @@ def _finding(model: LearnedModel, test: ChangeTest, t: Array, seconds: float) ->
     at = float(t[test.alarm])
     place = "" if test.output is None else f", nearly all of it in {model.commands[test.output]}"
     sentence = (
-        f"{OTHER}: after {at - t[0]:.0f} s of {seconds:.0f} s the "
-        f"errors were beyond chance (squared, {test.z2:.3g} times the predicted variance{place}); "
-        f"{CAUSES[test.cause]}{_figure(model, test)}"
+        f"{OTHER}: after {at - t[0]:.0f} s of {seconds:.0f} s the errors were not due to chance (squared, "
+        f"{test.z2:.3g} times the predicted variance{place}); {CAUSES[test.cause]}{_figure(model, test)}"
     )
     return Finding(CHANGED, "red", sentence, STEP, FLAG, ((at, float(t[-1])),))
 
@@ -147,9 +147,9 @@ def answer(campaign: Campaign, state: State, choice: str, numbers: Sequence[int]
     meant = sorted({*waiting, *numbers} & {r.number for r in state.ingested})
     if not waiting and not numbers:
         raise UsageError(
-            "no log waits for the answer to whether the robot has changed",
+            "no log waits for an answer about a change of the robot",
             where=str(campaign.path),
-            next_step=f"Give {FLAG} together with the log it speaks of.",
+            next_step=f"Give {FLAG} together with that log.",
         )
     others = [r.number for r in state.ingested if r.number not in meant]
     excluded = {"new": others, "forget": meant, "same": []}[choice]

@@ -116,7 +116,7 @@ def check_same_number(earlier: Round, number: int | None, path: Path) -> None:
         raise UsageError(
             f"this log was ingested before, as the answer to trajectory {earlier.number}, not {number}",
             where=str(path),
-            next_step=f"To take that back: etude untell FOLDER {earlier.number}.",
+            next_step=f"To remove it: etude untell FOLDER {earlier.number}.",
         )
 
 
@@ -124,21 +124,21 @@ def check_answerable(state: State, number: int) -> None:
     proposal = state.rounds.get(number)
     if proposal is None or proposal.asked is None:
         proposals = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
-        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {proposals}.")
+        raise UsageError(f"there is no trajectory {number}", next_step=f"Asked for: {proposals}.")
     if proposal.confirms:
         raise UsageError(
-            f"trajectory {number} confirms, nothing is learned from it",
-            next_step="Say which run its log is of: --confirm without, or --confirm with.",
+            f"trajectory {number} is a confirmation motion, which is never used for training",
+            next_step="State the run of the log: --confirm without, or --confirm with.",
         )
     if proposal.weighs:
         raise UsageError(
-            f"trajectory {number} weighs a load, nothing is learned from it",
-            next_step="Give its log to: etude payload FOLDER --log LOG.",
+            f"trajectory {number} is a payload motion, which is never used for training",
+            next_step="Use its log with: etude payload FOLDER --log LOG.",
         )
     if proposal.ingested is not None and not proposal.abandoned:
         raise UsageError(
             f"trajectory {number} has a log already",
-            next_step=f"To replace it: etude untell FOLDER {number}, then tell again.",
+            next_step=f"To replace it: etude untell FOLDER {number}, then etude tell the new log.",
         )
 
 
@@ -146,7 +146,9 @@ def free_number(state: State, number: int | None) -> int:
     if number is None:
         return state.next_number
     if number in state.rounds:
-        raise UsageError(f"number {number} is taken", next_step=f"The next free one is {state.next_number}.")
+        raise UsageError(
+            f"number {number} is taken", next_step=f"The next free number is {state.next_number}."
+        )
     return number
 
 
@@ -220,9 +222,9 @@ def warning(earlier: int, share: float) -> Finding:
     return Finding(
         CHECK,
         "yellow",
-        f"it repeats log {earlier}: {100 * share:.0f} % of its planned states were there. "
-        "It teaches little, and counts as no new evidence",
-        "Run another motion: etude ask proposes one.",
+        f"it repeats log {earlier}: {100 * share:.0f} % of its planned states are in that log. It adds "
+        "little to training, and nothing to cross-validation",
+        "Run another motion, as etude ask proposes it.",
     )
 
 
@@ -305,8 +307,8 @@ def _align(
     if holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
         return log, answered, True, speed
     log = log.repaired(
-        f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
-        f"up with etude abandon {typed(campaign.path)} {answered}."
+        f"The log holds less than half of proposal {answered}, which stays open: run it again, or close it "
+        f"with etude abandon {typed(campaign.path)} {answered}."
     )
     return log, free_number(state, None), False, speed
 
@@ -392,9 +394,9 @@ def untell(
         before = campaign.round(number)
         if before.ingested is None and not before.untold:
             raise UsageError(
-                f"no log of trajectory {number} was told",
+                f"no log of trajectory {number} was ingested",
                 where=str(campaign.path),
-                next_step=f"To give the trajectory up: etude abandon {typed(campaign.path)} {number}.",
+                next_step=f"To close the trajectory: etude abandon {typed(campaign.path)} {number}.",
             )
         if before.ingested is not None:
             campaign.commit(Untold(sha256=before.ingested.sha256), number)
@@ -519,7 +521,7 @@ def tell(
             **how,
         )
     if number is not None:
-        raise UsageError("a number belongs to one log", next_step="Tell that log by itself.")
+        raise UsageError("a number is for one log", next_step="Ingest that log alone.")
     paths = [Path(one) for one in path]
     return tell_many(campaign, paths, changed=changed, learner=learner, say=say, **how)
 

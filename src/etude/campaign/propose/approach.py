@@ -32,7 +32,7 @@ from etude.types import Array
 
 HOME = "home"
 WRITE = (
-    "Write --from home (of flights also ground), --from joint=value,joint=value,... or --from a CSV whose "
+    "Write --from home (flights: also ground), --from joint=value,joint=value,... or --from a CSV whose "
     "last row is the pose."
 )
 
@@ -86,11 +86,11 @@ def approached(
     except UnsafeTrajectoryError as problem:
         require_pose(campaign, start, constraints, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
-            f"no approach from there to proposal {number} is proved, which stays open: {problem.fact}",
+            f"no certified approach from there to proposal {number}, which stays open: {problem.fact}",
             where=problem.where,
-            next_step="Bring the robot to its start by its own controller, or ask for another: "
-            f"etude abandon {typed(campaign.path)} {number}, "
-            f"then etude ask {typed(campaign.path)} --from {start}",
+            next_step="Move the robot to its start with its own controller, or write another motion: etude "
+            f"abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)} --from "
+            f"{start}",
         ) from None
     place = folder / f"from_{_folder_name(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}
@@ -197,9 +197,9 @@ def require_inside(
     for name, at, low, high in zip(names, pose.tolist(), lower.tolist(), upper.tolist(), strict=True):
         if not low <= at <= high:
             raise UsageError(
-                f"{name} stands at {at:g}, outside its limits {low:g}..{high:g}",
+                f"{name} is at {at:g}, outside its limits {low:g}..{high:g}",
                 where=where,
-                next_step="Bring the robot inside its limits first, or correct the pose or robot.toml.",
+                next_step="First move the robot inside its limits, or correct the pose or robot.toml.",
             )
 
 
@@ -216,7 +216,7 @@ def _first_proved(
                 return slowed
     for part in tried[0]:
         require_certified(part.slowed(factors[-1]) if _is_at_rest(part) else part, limits)
-    raise AssertionError("an approach that is proved was refused")
+    raise AssertionError("a certified approach was refused")
 
 
 def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
@@ -291,11 +291,11 @@ def require_pose(
             if problem.limit != (row.axis, row.quantity):
                 continue
             raise UnsafeTrajectoryError(
-                f"the pose itself is the fault: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "
-                f"motions stay in {row.lower:.6g}..{row.upper:.6g}, "
-                f"{row.tracking_margin:.3g} inside of {low:.6g}..{high:.6g} for tracking{beside}",
+                f"the pose itself is the problem: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "
+                f"motions stay in {row.lower:.6g}..{row.upper:.6g}, {row.tracking_margin:.3g} inside of "
+                f"{low:.6g}..{high:.6g} for tracking{beside}",
                 where="--from",
-                next_step="Name a pose inside, or bring the robot to the start by its own controller.",
+                next_step="Name a pose inside, or move the robot to the start with its own controller.",
             ) from None
 
 
@@ -314,9 +314,9 @@ def prepared(
     )
     if paths is None:
         raise UsageError(
-            f"robots of the kind '{kind.name}' have no approach to a motion's start",
+            f"robots of the kind '{kind.name}' have no approach to the start of a motion",
             where="--from",
-            next_step="Bring the robot there by its own controller.",
+            next_step="Move the robot there with its own controller.",
         )
     parts = {"approach": paths.approach, "return": paths.back}
     parts |= {} if paths.whole is None else {"trajectory": paths.whole}
@@ -359,7 +359,9 @@ def _parse_pose(text: str, axes: tuple[str, ...]) -> Array:
         try:
             values[axis] = float(value)
         except ValueError:
-            raise UsageError(f"{one!r} is no joint=value", where="--from", next_step=WRITE) from None
+            raise UsageError(
+                f"{one!r} does not have the form joint=value", where="--from", next_step=WRITE
+            ) from None
     missing, unknown = ([a for a in one if a not in other] for one, other in ((axes, values), (values, axes)))
     if missing or unknown:
         what = f"lacks {', '.join(missing)}" if missing else f"has no joint {', '.join(unknown)}"
@@ -386,14 +388,14 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
         raise UsageError(
             f"the table has no {'column ' + ', '.join(missing) if missing else 'row'}",
             where=str(path),
-            next_step=f"It needs the columns {', '.join(columns)}; its last row is the pose.",
+            next_step=f"The table needs the columns {', '.join(columns)}; its last row is the pose.",
         )
     try:
         pose = np.array([float(lines[-1][header.index(name)]) for name in columns])
     except (ValueError, IndexError):
-        raise UsageError("its last row is no pose", where=str(path), next_step=WRITE) from None
+        raise UsageError("its last row is not a pose", where=str(path), next_step=WRITE) from None
     if not np.isfinite(pose).all():
-        raise UsageError("its last row is no pose", where=str(path), next_step=WRITE)
+        raise UsageError("its last row is not a pose", where=str(path), next_step=WRITE)
     return pose
 
 

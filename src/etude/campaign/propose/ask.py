@@ -213,10 +213,10 @@ def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Tra
             prepared(campaign, run, start, constraints, speed)
         except UnsafeTrajectoryError as problem:
             raise UnsafeTrajectoryError(
-                f"no approach from there to the proposed motion is proved: {problem.fact}",
+                f"no certified approach from there to the proposed motion: {problem.fact}",
                 where=problem.where,
-                next_step="Nothing was asked. Name another pose, or ask without --from and bring the robot "
-                "to the start by its own controller.",
+                next_step="No trajectory was written. Name another pose, or leave out --from and move "
+                "the robot to the start with its own controller.",
             ) from None
 
     return check
@@ -313,10 +313,10 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     confirm = "--confirm " * proposal.confirms + "--payload " * proposal.weighs
     since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(
-        f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",
+        f"the open trajectory {number} is not certified{since}: {problem.fact}",
         where=problem.where,
-        next_step=f"Do not run it. Ask for another motion: etude ask {typed(campaign.path)} {confirm}--new."
-        + (f" Or put back {why} as it was." if why else ""),
+        next_step=f"Do not run it. Write another motion: etude ask {typed(campaign.path)} {confirm}--new."
+        + (f" Or restore {why}." if why else ""),
     )
 
 
@@ -376,7 +376,7 @@ def present(
         settled = {name_of(campaign, path) for path in contents}
         _check(campaign, [name for name in event.files if name not in settled], advice)
         renewed = settle(campaign, number, contents, Exported(speed=speed), advice)
-    status = "asked for before, still open" if made is None else made[1]
+    status = "written before, still open" if made is None else made[1]
     rows = swept(campaign, files.trajectory, constraints.limits(campaign))
     return Proposal(
         number,

@@ -169,7 +169,7 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
     by_form = {form: tuple(dict.fromkeys(s for _, of in by_control for s in of[form])) for form in margins}
     number = state.trained[-1].number if state.trained else None
     if number is not None and (other := of_another_body(campaign, number)):
-        sentence = f"Commands are those of the description alone.{other}"
+        sentence = f"Commands come from the description alone.{other}"
         by_form = {form: (sentence, *sentences) for form, sentences in by_form.items()}
         number = None
     return Constraints(margins, by_form=by_form, number=number, controls=controls)
@@ -257,7 +257,10 @@ def start_in_words(campaign: Campaign, ingested: Ingested | None) -> str:
     units, table = campaign.channel(campaign.kind.path).units, as_table(errors)
     rows = zip(campaign.axes, units, table[0], table[1], strict=True)
     text = ", ".join(f"{axis} by {e:.3g} {unit} and {v:.3g} {unit}/s" for axis, unit, e, v in rows)
-    return f"Start: in the first {until:.3g} s tracking had not settled, which no margin holds: {text}."
+    return (
+        f"Start: in the first {until:.3g} s the tracking error had not settled; no margin contains it: "
+        f"{text}."
+    )
 
 
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
@@ -293,7 +296,8 @@ def ranges_of(campaign: Campaign) -> Ranges:
         raise UsageError(
             f"the home of the kind of robot {campaign.kind.name} is outside the limits of {', '.join(out)}",
             where=campaign.spec.name,
-            next_step="Correct the limits in robot.toml, or the plug-in: no motion leads from there.",
+            next_step="Correct the limits in robot.toml, or the plug-in: no motion starts outside the "
+            "limits.",
         )
     return Ranges.of(limits[path], limits.get(rate), home, campaign.channel(path).units)
 
@@ -320,9 +324,9 @@ def _insufficient_margins(campaign: Campaign, needed: Array, available: Array) -
     """A sentence for each margin that exceeds the available range."""
     units = campaign.channel(campaign.kind.path).units
     return [
-        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} {units[j]}"
-        f"{'/s' * order}; the margin is only {available[order, j]:.3g}, since more leaves too little for "
-        "motion."
+        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} "
+        f"{units[j]}{'/s' * order}; the margin is only {available[order, j]:.3g}, because a larger one "
+        "leaves too little motion."
         for order in range(len(needed))
         for j, axis in enumerate(campaign.axes)
         if available[order, j] < needed[order, j]

@@ -30,7 +30,7 @@ from etude.types import Array, Reachable
 if TYPE_CHECKING:
     from etude.design.candidates import ReachablePoses, VisitedTimes
 
-FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
+FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform inside the limits"}
 """What a random first trajectory is, by the sampler that draws it."""
 
 
@@ -66,7 +66,7 @@ def proposed(
     if basis is None:
         trajectory, asked = _random(campaign, rng, limits)
     else:
-        what = "from what was learned" if basis.learned else "from the limits alone"
+        what = "from the model" if basis.learned else "from the limits alone"
         say(f"Designing the next trajectory {what}.")
         trajectory, asked = _designed(campaign, basis, rng, tasks if basis.learned else (), open_ones, limits)
     return from_rest(campaign, trajectory, limits), asked

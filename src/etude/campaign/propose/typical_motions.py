@@ -130,13 +130,13 @@ class RecordedMotion:
         return Motion(np.asarray(t), np.stack([path, *(np.where(moving, rate, 0.0) for rate in rates)]))
 
     def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:  # noqa: ARG002
-        raise UsageError("a recorded motion is not proved", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be certified", next_step="Use it as a task only.")
 
     def slowed(self, factor: float) -> Trajectory:  # noqa: ARG002
-        raise UsageError("a recorded motion has no slower copies", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be slowed down", next_step="Use it as a task only.")
 
     def to_json(self) -> str:
-        raise UsageError("a recorded motion is not stored", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion cannot be stored", next_step="Use it as a task only.")
 
 
 def load_tasks(path: Path, channel: Channel) -> tuple[Trajectory, ...]:
@@ -189,7 +189,7 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
         ) from None
     if len(rows) <= SMOOTH or not np.isfinite(rows).all() or not np.all(np.diff(rows[:, 0]) > 0):
         raise UsageError(
-            f"a task needs {SMOOTH + 1} finite rows or more, with increasing time",
+            f"a task needs at least {SMOOTH + 1} finite rows with increasing time",
             where=str(path),
             next_step="Leave out rows that repeat a time or have an empty cell.",
         )

@@ -48,7 +48,7 @@ def load_config(folder: Path) -> ConfigFile:
         raise UsageError(
             "there is no campaign here",
             where=str(path),
-            next_step="Start one: etude init FOLDER --robot NAME.",
+            next_step="Create one: etude init FOLDER --robot NAME.",
         ) from None
     except OSError as error:
         raise unreadable(path, error) from error
@@ -101,76 +101,81 @@ def parse_config(data: bytes, where: str) -> ConfigFile:
 
 
 HEAD = """\
-# An Étude campaign. Edit it by hand; a key that is left out takes its preset's value, "none" switches off.
-# Its hash is stored with every event, so the journal knows which version was in force.
+# An Étude campaign. Edit it by hand; a missing key has the value of the preset, "none" switches off.
+# The journal stores the hash of this file with every event, and so the version that was used.
 # The robot and its limits are in robot.toml beside this file. Angles are rad, times s.
 
 """
 
 COMMENTS: dict[str, dict[str, str]] = {
     "model": {
-        "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": what predicts each command best',
-        "choose_by": '"squared" or "absolute" held-out error decides',
-        "replace": 'a structure replaces another if better by "chance", or on "every" held-out motion',
-        "process_from": "logs from which processes compete with physics alone",
+        "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": the best structure for each '
+        "command",
+        "choose_by": 'error that cross-validation compares: "squared" or "absolute"',
+        "replace": 'a structure replaces another if significantly better ("chance"), or better on "every" '
+        "held-out motion",
+        "process_from": "number of logs from which processes are compared with physics alone",
         "kernel": '"structured", or "ard_se", as the thesis; or a plug-in',
         "sharing": '"separate" processes of the commands, or one kernel "shared" by all',
         "process": '"exact", or another member of docs/models.md, "dictionary_variance" for example',
-        "points": "samples each process is conditioned on, at most",
-        "inducing": "of twice as many samples all teach, through so many; 0: points alone",
-        "basis": "inducing, spectral or basis points, at most, of a process that has them",
-        "fit_points": "of these, samples for hyperparameters, at most; of over 4 commands in proportion",
-        "fit_spacing_s": "these are at least so many s apart",
-        "candidates": "processes that are averaged for each output; docs/models.md says what each is worth",
-        "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
-        "warm_from": "logs from which training goes on from the last model",
-        "warm_steps": "of a training that goes on; 0: as many as steps",
+        "points": "largest number of samples of each process",
+        "inducing": "from twice as many samples, all are used through so many points; 0: a subset",
+        "basis": "largest number of inducing, spectral or basis points, in members that have them",
+        "fit_points": "largest number of samples for hyperparameters; scaled for more than 4 commands",
+        "fit_spacing_s": "least time between these samples in s",
+        "candidates": "ensemble members averaged for each output; docs/models.md compares them",
+        "steps": 'iterations of the hyperparameter training; of "minimize" line searches (negative: '
+        "evaluations)",
+        "warm_from": "number of logs from which training starts from the last model",
+        "warm_steps": "iterations when training starts from the last model; 0: as many as steps",
         "method": '"lbfgs", "minimize": conjugate gradients, as the thesis, or "descent": fixed steps',
-        "starts": "of the training; the best end wins",
+        "starts": "starts of the training; the best result is used",
         "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
         "prior": '"weak" priors on the hyperparameters, or "none"',
-        "noise_floor": 'least noise, a part of what floor_of says; or "auto"',
-        "floor_of": '"limit" of the command, or "deviation" of what a process learns',
-        "stretch_s": "s of what is held out of a single log",
-        "calibrate": "widen variances that held-out trajectories show to be too small",
+        "noise_floor": 'least noise as a fraction of floor_of; or "auto"',
+        "floor_of": '"limit" of the command, or "deviation" of the training targets',
+        "stretch_s": "length in s of the held-out blocks of a single log",
+        "calibrate": "enlarge variances that held-out trajectories show to be too small",
         "student_t": "fit the tails of held-out errors, for the reported density",
     },
     "design": {
         "first": 'the first trajectory: "designed" from the limits alone, or "random"',
-        "reference": 'what stands in for tasks: "mixed", moves and slow series; or random ones, "family"',
+        "reference": 'substitute for tasks: "mixed" (moves and slow series) or "family" (random)',
         "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
-        "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and its edge',
-        "candidates": "certified random candidates that are scored",
-        "refine": "how many of the best are refined",
+        "sampler": 'random candidates: "scaled" to the limits, or "uniform" inside the limits and on them',
+        "candidates": "number of certified random candidates",
+        "refine": "number of the best candidates that are refined",
         "steps": "iterations of each refinement",
         "points": "planned samples along a trajectory",
-        "planned_noise": "planned samples stand for all that will be logged, each with less noise",
-        "reference_points": "states per process at which the variance counts",
-        "random_share": "part of these taken from what stands in although tasks are given",
-        "inducing": "exact processes with more samples are seen through so many; 0: as they are",
-        "raw_units": "add variances of different commands as they are, as the thesis",
+        "planned_noise": "planned samples represent all logged samples, with less noise each",
+        "reference_points": "states per process at which the variance is evaluated",
+        "random_share": "fraction of these from the substitute although tasks are given",
+        "inducing": "exact processes with more samples are approximated with so many; 0: never",
+        "raw_units": "add variances of different commands without scaling, as in the thesis",
     },
     "tracking": {
-        "margin": 'kept of the limits for tracking errors: "learned" from logs, "assumed", or "none"',
-        "position": "assumed before any log where gains are not known: part of each range",
-        "velocity": "the same of each velocity limit",
-        "most": "part of the distance from home to a position limit that a margin may take at most",
-        "control": 'of motions that teach in simulate and run, from the second on: "learned" or "feedback"',
+        "margin": 'tracking margins inside the limits: "learned" from logs, "assumed", or "none"',
+        "position": "assumed before any log if gains are unknown: fraction of each range",
+        "velocity": "assumed likewise: fraction of each velocity limit",
+        "most": "largest margin as a fraction of the distance from home to a position limit",
+        "control": 'control of training motions in simulate and run, from the second on: "learned" or '
+        '"feedback"',
     },
     "stop": {
-        "command_tolerance": "good enough: expected command error as a fraction of the command limit; 0: off",
-        "noise_fraction": "stop when the variance left is below this fraction of the noise; 0: off",
-        "gain_per_minute": "stop when less of the variance left goes per robot minute; 0: off",
-        "setup_s": "s of robot time each trajectory costs besides its duration",
-        "budget_trajectories": "logs; 0 for no limit",
-        "budget_minutes": "minutes of recorded motion; 0 for no limit",
-        "consecutive": "logs in a row that must agree before a rule stops the campaign",
+        "command_tolerance": "goal: expected command error as a fraction of the command limit; 0: off",
+        "noise_fraction": "stop when the remaining variance is below this fraction of the noise; 0: off",
+        "gain_per_minute": "stop when a smaller fraction of the remaining variance is removed per robot "
+        "minute; 0: off",
+        "setup_s": "robot time of each trajectory besides its duration, in s",
+        "budget_trajectories": "largest number of logs; 0 for no limit",
+        "budget_minutes": "largest recorded motion in minutes; 0 for no limit",
+        "consecutive": "number of successive logs that must agree before a rule stops the campaign",
     },
     "log": {
         "columns": 'other names: "q_shoulder [deg]" = "ActPos1", a line each; etude inspect --write-mapping',
-        "ignored": "headers of columns to leave out",
-        "topics": "of logs that hold several; none: those that look like what is needed",
-        "rate": "Hz, at which rows of logs without a time column stand; 0: such logs are refused",
+        "ignored": "headers of columns to ignore",
+        "topics": "topics to read, of logs with several; none: the topics that fit",
+        "rate": "rate in Hz of logs without a time column; 0: such logs are refused",
     },
 }
 
@@ -185,9 +190,9 @@ def config_text(config: CampaignConfig, kind: Kind) -> str:
 def _kind(table: Mapping[str, Any], where: str) -> Kind:
     if "kind" not in table:
         raise UsageError(
-            "campaign.toml names no kind of robot",
+            "campaign.toml does not state the kind of robot",
             where=where,
-            next_step='Write its kind at the top: kind = "arm", for example.',
+            next_step='Write it at the top, for example: kind = "arm".',
         )
     name = table["kind"]
     if not isinstance(name, str):

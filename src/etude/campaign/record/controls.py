@@ -31,7 +31,7 @@ def required(control: str, effort: bool = False) -> str:
         raise UsageError(f"there is no control {control!r}", where="--control", next_step=_list_controls())
     if effort and control not in ("", LEARNED):
         raise UsageError(
-            f"a motion that is sent with the learned command is not run under {IN_WORDS[control]}",
+            f"a motion with the learned command in its file cannot be planned for {IN_WORDS[control]}",
             where="--control",
             next_step="Leave out --control, or --effort.",
         )
@@ -48,9 +48,9 @@ def require_same(control: str, fact: Constrained | None, number: int) -> None:
     controls = asked_under(fact)
     if control and controls and control not in controls:
         raise UsageError(
-            f"trajectory {number} is open, and its margins are those of {in_words(controls)}",
+            f"trajectory {number} is open, and its tracking margins are for {in_words(controls)}",
             where="--control",
-            next_step="Tell its log first, or ask for another one with --new.",
+            next_step="Ingest its log first, or write another one with --new.",
         )
 
 
@@ -58,9 +58,9 @@ def require_learned(control: str, state: State) -> None:
     """Raises UsageError if a motion needs learned feedforward and nothing was learned."""
     if control == LEARNED and not state.trained:
         raise UsageError(
-            f"nothing has been learned yet that could be the {IN_WORDS[LEARNED]}",
+            f"there is no model yet for the {IN_WORDS[LEARNED]}",
             where="--control",
-            next_step="Run the first motions under feedback alone, and tell their logs.",
+            next_step="Run the first motions under feedback alone, and ingest their logs.",
         )
 
 

@@ -54,7 +54,7 @@ def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedMo
         model, number = newest_model(campaign, state), state.trained[-1].number
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
-        sentence = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
+        sentence = f"No model was promoted yet. The newest model is used, of log {number} ({digest[:12]})."
         return DeployedModel(model, number, path, digest, False, sentence + of_another_body(campaign, number))
     number, promoted = state.promoted[-1]
     sentence = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
@@ -69,7 +69,7 @@ def model_to_command(campaign: Campaign, state: State | None = None) -> Deployed
     """
     used = deployed_model(campaign, state)
     if other := of_another_body(campaign, used.number):
-        raise UsageError("the model that commands come from is of another robot", next_step=other.strip())
+        raise UsageError("the model for the commands is of another robot", next_step=other.strip())
     return used
 
 

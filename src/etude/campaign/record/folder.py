@@ -65,9 +65,8 @@ class Campaign:
     def __repr__(self) -> str:
         state = self.state()
         return (
-            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): "
-            f"{len(state.ingested)} logs told, "
-            f"{len(state.learned)} learned, {len(state.proposals)} proposals open"
+            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): {len(state.ingested)} logs "
+            f"ingested, {len(state.learned)} learned, {len(state.proposals)} proposals open"
         )
 
     def plot(self, path: str | Path | None = None) -> Picture:
@@ -194,17 +193,15 @@ def require_plain(names: Iterable[str], where: str) -> None:
     for name in names:
         bad = [c for c in name if unicodedata.category(c) in REFUSED or c in TURNING]
         if bad:
-            fault = (
-                f"holds {unicodedata.name(bad[0], f'U+{ord(bad[0]):04X}')}, which no line of text can show"
-            )
+            fault = f"holds {unicodedata.name(bad[0], f'U+{ord(bad[0]):04X}')}, which is not printable"
         elif name != name.strip() or not name:
-            fault = "is empty, or begins or ends with a blank"
+            fault = "is empty, or begins or ends with a space"
         else:
             continue
         raise UsageError(
             f"the name {name!r} {fault}",
             where=where,
-            next_step="Rename it in the robot's file: names are headers of tables, and words on the screen.",
+            next_step="Rename it in the robot's file, because names are headers of tables.",
         )
 
 
@@ -231,15 +228,15 @@ def open_campaign(path: Path) -> Campaign:
     if created is None:
         require_no_remains(path)
         raise UsageError(
-            "this campaign was not finished being made",
+            "the creation of this campaign was not completed",
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
     if created.kind not in ("", loaded.kind.name):
         raise UsageError(
-            f"this campaign is of the kind {created.kind!r}, and campaign.toml says {loaded.kind.name!r}",
+            f"this campaign has the kind {created.kind!r}, but campaign.toml states {loaded.kind.name!r}",
             where=f"{path / CONFIG} kind",
-            next_step=f'Write kind = "{created.kind}" again; another kind needs a folder of its own.',
+            next_step=f'Write kind = "{created.kind}" again; another kind needs a separate folder.',
         )
     spec = _spec(path, loaded.kind)
     parts = [part for channel in loaded.kind.channels(spec) for part in channel.parts]
@@ -254,10 +251,10 @@ def require_same_names(log_names: Sequence[str], now: Sequence[str], folder: Pat
     """UsageError: robot.toml has other names than the logs, or another order, which logs and models keep."""
     if tuple(log_names) != tuple(now):
         raise UsageError(
-            f"robot.toml has {', '.join(now)}, in this order, and the logs of this campaign are of "
+            f"robot.toml has {', '.join(now)}, in this order, but the logs of this campaign have "
             f"{', '.join(log_names)}",
             where=str(folder / ROBOT),
-            next_step="Put them back in that order. Another robot needs a campaign of its own.",
+            next_step="Restore that order. Another robot needs a separate campaign.",
         )
 
 
@@ -270,10 +267,10 @@ def require_no_remains(path: Path) -> None:
     remains = [name for name in REMAINS if any((path / name).glob("*"))]
     if remains:
         raise UsageError(
-            f"the journal of this campaign is lost: it holds no event, and there is {' and '.join(remains)}",
+            f"the journal of this campaign is lost: it is empty, but there is {' and '.join(remains)}",
             where=str(path / JOURNAL),
-            next_step="Restore journal.jsonl from a copy or your backup. Without one make a new campaign in "
-            "another folder, and tell it the logs in runs.",
+            next_step="Restore journal.jsonl from a copy or your backup. Without a copy, create a new "
+            "campaign in another folder, and ingest the logs in runs.",
         )
 
 
@@ -287,6 +284,6 @@ def _spec(path: Path, kind: Kind) -> Any:
             raise UsageError(
                 f"robot.toml does not describe a robot of the kind {kind.name!r}, which campaign.toml names",
                 where=str(path / ROBOT),
-                next_step="Both files name the same kind; put back the one that was changed.",
+                next_step="Both files must state the same kind; restore the one that was changed.",
             ) from None
         raise

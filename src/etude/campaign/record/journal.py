@@ -42,7 +42,7 @@ _HASH = "[0-9a-f]{64}"
 _END = re.compile(
     rf'(?P<text>.*, "{PREVIOUS}": "(?P<previous>{_HASH})"), "{SEAL}": "(?P<seal>{_HASH})"\}}', re.DOTALL
 )
-_UNCHANGED = "The journal is written by etude alone; put it back as it was, from a copy or your backup."
+_UNCHANGED = "Only etude may write the journal. Restore it from a copy or your backup."
 
 
 def chained(text: str, before: Sequence[str]) -> str:
@@ -66,8 +66,8 @@ def check_chain(lines: Sequence[str], path: object) -> None:
         raise UsageError(
             "this journal has no hashes: an early version of Étude wrote it, or its first line was edited",
             where=f"{path}:1",
-            next_step="Restore the line from a copy; or make a new campaign with etude init, and tell it the "
-            "logs in runs/.",
+            next_step="Restore the line from a copy; or create a new campaign with etude init, and "
+            "ingest the logs in runs/.",
         )
     link = _last_hash([])
     for i, line in enumerate(lines):
@@ -209,7 +209,7 @@ def _parse(line: str, where: str) -> Event:
         raise UsageError(
             "this line of the journal is not an event",
             where=where,
-            next_step="The journal is written by etude alone; put the line back as it was.",
+            next_step="Only etude may write the journal. Restore the line.",
         ) from None
 
 

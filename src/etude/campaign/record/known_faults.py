@@ -38,21 +38,21 @@ GEAR = "gear"
 FAULTS = {
     MOUNTING: Fault(
         2,
-        "[mounting] was lost, since the model file's root link is called world: gravity, clearances and "
-        "torques are those of a robot that stands upright",
+        "[mounting] was ignored, because the root link of the model file has the name world: gravity, "
+        "clearances and torques are those of an upright robot",
     ),
     CLAMPED: Fault(
         2,
-        "its physics, gravity too, stand still where a joint leaves the positions that it was trained on: "
-        "commands are wrong there",
+        "its physics, with gravity, are constant outside the positions of its training: commands are wrong "
+        "there",
     ),
     MOVING_END: Fault(
         2,
-        "its last row is in motion, and a receiver that holds the last row flies on: out of the limits",
+        "its last row is in motion: a receiver that holds the last row leaves the limits",
     ),
     HELD: Fault(
         2,
-        "a joint moved in no log, and its commands are what its controller gave as it sagged",
+        "a joint moved in no log, so its commands are those of its controller while it sagged",
     ),
     GEAR: Fault(
         3,
@@ -94,7 +94,7 @@ def affected(campaign: Campaign, state: State) -> list[Affected]:
         raise UsageError(
             f"the kind of robot {kind.name} names an unknown fault: {unknown[0]}",
             where=f"{type(kind).__name__}.mended",
-            next_step=f"Correct the plug-in: known are {', '.join(FAULTS)}.",
+            next_step=f"Correct the plug-in. Known faults: {', '.join(FAULTS)}.",
         )
     return [
         *_motions(campaign, state, of_robot),

@@ -61,7 +61,7 @@ def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> by
     name = name_of(campaign, path)
     digest = recorded(campaign.events()).get(name)
     if digest is None:
-        raise FileNotFoundError(f"the journal knows no {name}")
+        raise FileNotFoundError(f"the journal has no entry of {name}")
     try:
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
@@ -69,7 +69,7 @@ def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> by
     except OSError as error:
         raise unreadable(path, error) from error
     if hashlib.sha256(data).hexdigest() != digest:
-        raise UsageError(f"{name} was changed after it was committed", where=str(path), next_step=next_step)
+        raise UsageError(f"{name} was changed after Étude stored it", where=str(path), next_step=next_step)
     return data
 
 
@@ -87,8 +87,8 @@ def require_description(campaign: Campaign) -> None:
     created = next(e for e in campaign.events() if isinstance(e.fact, Created))
     hashes = {name: digest for name, digest in created.files.items() if name != ROBOT}
     advice = (
-        f"{RESTORE} If the robot is another one by now, start a campaign of its own: "
-        "etude init FOLDER --robot FILE."
+        f"{RESTORE} If the robot is now another one, create a separate campaign: etude init FOLDER --robot "
+        "FILE."
     )
     require_intact(campaign.path, hashes, advice)
 
@@ -107,8 +107,8 @@ def run_advice(campaign: Campaign, number: int) -> str:
     ingested = campaign.state().rounds[number].ingested
     log = ingested.source if ingested is not None else "LOG"
     return (
-        f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
-        f"etude untell {typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {typed(log)}."
+        f"Do not learn from it. {RESTORE[:-1]}, or remove the log and ingest the original again: etude "
+        f"untell {typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {typed(log)}."
     )
 
 
@@ -153,16 +153,16 @@ def settle(
     anew = wrong or committed
     folders = dict.fromkeys(name_of(campaign, path.parent) for path in anew)
     changed = changed_since(campaign, events, [names[path] for path in committed])
-    older = "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
+    older = "an earlier version wrote them" if _is_older(events, names) else "their inputs changed"
     why = f"{' and '.join(changed)} changed" if changed else older
     what = f"{', '.join(path.name for path in anew)} in {', '.join(folders)}"
-    return (f"Written anew, since {why}: {what}.",)
+    return (f"Written again, because {why}: {what}.",)
 
 
 def _rewrite_advice(there: Sequence[Path]) -> str:
     """Next step for changed files that the same command writes again once all of them are deleted."""
     return (
-        "Do not run it. Restore the file from a copy; or delete all that was written with it, and run the "
+        "Do not run it. Restore the file from a copy; or delete all files written with it, and run the "
         f"same command again: rm {shlex.join(str(path) for path in there)}"
     )
 
@@ -315,8 +315,8 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Tra
 def proposal_advice(campaign: Campaign, number: int) -> str:
     """Next step if a file of a proposal differs from the committed one."""
     return (
-        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
-        f"etude abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)}."
+        "Do not run it. Restore the file from a copy, or close the trajectory and write another: etude "
+        f"abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)}."
     )
 
 

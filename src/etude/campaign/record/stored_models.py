@@ -45,7 +45,7 @@ def newest_model(campaign: Campaign, state: State) -> LearnedModel:
     """
     if not state.trained:
         raise UsageError(
-            "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
+            "nothing has been learned yet", where=str(campaign.path), next_step="Ingest a log first."
         )
     check_model(campaign, state)
     return stored_model(campaign, state.trained[-1].number)
@@ -78,8 +78,8 @@ def is_pruned(campaign: Campaign, number: int) -> bool:
 
 def _advice(campaign: Campaign, number: int) -> str:
     return (
-        f"Restore it from a copy, or learn anew: etude abandon {typed(campaign.path)} {number}, "
-        "then tell its log again."
+        f"Restore it from a copy, or train again: etude abandon {typed(campaign.path)} {number}, then "
+        "ingest its log again."
     )
 
 
@@ -91,7 +91,7 @@ def require_stored(campaign: Campaign, number: int) -> str:
     digest = sha256_of(path)
     if recorded(campaign.events()).get(name_of(campaign, path)) != digest:
         raise UsageError(
-            f"{name_of(campaign, path)} was changed after it was committed",
+            f"{name_of(campaign, path)} was changed after Étude stored it",
             where=str(campaign.path),
             next_step=_advice(campaign, number),
         )
@@ -179,10 +179,9 @@ def of_another_body(campaign: Campaign, number: int) -> str:
     ingested = campaign.state().rounds[number].ingested
     log = ingested.source if ingested is not None else "LOG"
     return (
-        f" robot.toml changed since log {number} was learned, so its physics are others. "
-        "Where the robot itself changed, tell its next log with --changed new. "
-        f"Where robot.toml was wrong: etude untell {typed(campaign.path)} {number}, then "
-        f"etude tell {typed(campaign.path)} {typed(log)}."
+        f" robot.toml changed after the training on log {number}, so its physics differ. If the robot "
+        "itself changed, ingest its next log with --changed new. If robot.toml was wrong: etude untell "
+        f"{typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {typed(log)}."
     )
 
 

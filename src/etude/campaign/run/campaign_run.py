@@ -205,7 +205,7 @@ def _open_player(player: Player) -> Iterator[None]:
         raise
     except Exception as error:
         fact = f"the driver could not connect: {type(error).__name__}: {error}"
-        raise LinkLost(fact, next_step="Nothing moved. See to its address and its power.") from error
+        raise LinkLost(fact, next_step="Nothing moved. Check its address and its power.") from error
     try:
         yield
     except BaseException as problem:
@@ -215,8 +215,10 @@ def _open_player(player: Player) -> Iterator[None]:
     try:
         player.__exit__(None, None, None)
     except Exception as error:
-        fact = f"the driver failed to let the robot go: {type(error).__name__}: {error}"
-        raise RobotStopped(fact, next_step="Look at the robot: whether it rests is not known.") from error
+        fact = f"the driver failed to release the robot: {type(error).__name__}: {error}"
+        raise RobotStopped(
+            fact, next_step="Look at the robot: it is unknown whether it is at rest."
+        ) from error
 
 
 def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: None) -> RunResult:
@@ -272,13 +274,13 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     rounds = (
         f"{options.rounds} motion{'s' * (options.rounds > 1)}"
         if options.rounds
-        else "as many motions as the stop rule asks for"
+        else "motions until the stop rule fires"
     )
-    rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
-    real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
+    rounds = rounds if first is not None else "only the confirmation motion, because the stop rule has fired"
+    real = "It is a real robot: keep a hand on its emergency stop." if about.real else "It is a simulation."
     return [
         f"{about.name} ({about.identity}) will move: {rounds}, with approaches and returns. {real}",
-        f"It stands at {where}.",
+        f"It is at {where}.",
         f"If this program dies, {after_loss(about)}.",
         *([] if first is None else _of_first(campaign, first)),
         *session.waived,
@@ -302,14 +304,15 @@ def _require_agreed(person: Person, about: About, options: RunOptions, sentences
     if options.yes:
         if about.real:
             raise UsageError(
-                f"{about.name} is real, so a person has to agree",
+                f"{about.name} is a real robot, so a person has to agree",
                 where="--yes",
-                next_step=f"Leave --yes out, and type {WORD}.",
+                next_step=f"Leave out --yes, and type {WORD}.",
             )
         return
     if not person.agrees(sentences, WORD):
         raise UsageError(
-            "the motion was not confirmed; nothing moved", next_step=f"Run it again, and type {WORD} in full."
+            "the motion was not confirmed; nothing moved",
+            next_step=f"Run the command again, and type the whole word {WORD}.",
         )
 
 
@@ -354,7 +357,9 @@ class _Loop:
             number, why = self._run_round(number, last=len(self.rounds) + 1 >= most)
         self.say(f"{why[:1].upper()}{why[1:]}.")
         confirmation = (
-            self._run_confirmation() if self.options.confirm else (None, "no motion was to confirm it")
+            self._run_confirmation()
+            if self.options.confirm
+            else (None, "no confirmation motion was requested")
         )
         promotion, reasons = self._promote(*confirmation)
         return RunResult(
@@ -397,7 +402,7 @@ class _Loop:
         if not may_go_on or not is_undecided(self.campaign):
             raise fired
         self.after_stop += 1
-        self.say("Held-out motion does not decide yet whether the model is better: another motion.")
+        self.say("Held-out motion does not show yet whether the model is better, so another motion follows.")
         return ask(self.campaign, go_on=True, control=self._onward_control, say=self.say).number
 
     def _run_round(self, number: int, last: bool) -> tuple[int | None, str]:
@@ -471,8 +476,8 @@ class _Loop:
         late, cycles = result.fact.late, len(result.recording.t)
         if late > LATE * cycles:
             self.say(
-                f"{late} of {cycles} cycles came late, so the robot was led unevenly. Give this computer "
-                "less to do, or the driver a lower rate."
+                f"{late} of {cycles} cycles were late, so the robot followed uneven set-points. Reduce the "
+                "load of this computer or the driver's rate."
             )
         return result
 
@@ -507,7 +512,7 @@ class _Loop:
         except DataError as error:
             if is_even(read_recording(path)):  # else there is nothing to answer
                 command = f"etude tell {typed(self.campaign.path)} {typed(path)}"
-                error.next_step += f" Say it by: {command}. Without that file the motion is run again."
+                error.next_step += f" Answer with: {command}. Without that file the motion is run again."
             raise
         for sentence in result.repairs:
             self.say(f"{path.name}: {sentence}")
@@ -521,7 +526,7 @@ class _Loop:
             with contextlib.suppress(DataError):
                 take(self.campaign, self.campaign.path / last.recording)
             self.campaign.commit(Abandoned(), number)
-        self.say(f"Motion {number} is given up, and teaches up to there.")
+        self.say(f"Motion {number} ended early; its log is used up to there.")
 
     def _figures(self, number: int, result: Result) -> RoundRun:
         recording = result.recording
@@ -534,7 +539,7 @@ class _Loop:
     def _run_confirmation(self) -> tuple[Mapping[str, Any] | None, str]:
         """Result of the confirmation motion; None with the reason if there is none."""
         if not self._takes_learned:
-            return None, "the robot takes no learned command, so none was confirmed"
+            return None, "the robot accepts no learned commands, so there was no confirmation"
         number = ask_to_confirm(self.campaign, say=self.say).number
         proposal = self.campaign.round(number).asked
         model = None if proposal is None else model_of_sha256(self.campaign, proposal.model_sha256)
@@ -572,9 +577,9 @@ def _reason_against(confirmation: Mapping[str, Any]) -> str:
     if not np.nansum(with_model) > np.nansum(without):
         return ""
     return (
-        f"The model was not promoted: on the motion that confirms the mean error was "
-        f"{np.nanmean(with_model):.3g} {confirmation['units'][0]} with it "
-        f"and {np.nanmean(without):.3g} without."
+        "The model was not promoted: on the confirmation motion the mean error was "
+        f"{np.nanmean(with_model):.3g} {confirmation['units'][0]} with it and {np.nanmean(without):.3g} "
+        "without."
     )
 
 

@@ -247,7 +247,7 @@ def transfers_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Tr
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' have no approach to a motion from rest to rest",
             where=str(campaign.path),
-            next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
+            next_step="Play the files of etude ask with the robot's own controller, then ingest its log.",
         )
     at_start, at_end = (float(np.abs(end - pose).max()) <= NEAR for end in (motion.start, motion.end))
     return Transfers(
@@ -278,13 +278,17 @@ def _no_approach(
 ) -> UnsafeTrajectoryError:
     """Error without an approach: the pose itself is not proved, or no path from it is."""
     stands = certify(_rest_at(pose), motion.constraints.limits(campaign)).ok
-    fact = f"no approach to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    fact = (
+        f"no certified approach to motion {motion.number}"
+        if stands
+        else "the position of the robot is the problem"
+    )
     named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
     return UnsafeTrajectoryError(
         f"{fact}: {problem.fact}",
         where=problem.where,
-        next_step="Bring the robot home by its own controller. A simulated one starts there by a line in "
-        f"[driver] of run.toml: start = {{ {named} }}",
+        next_step="Move the robot home with its own controller. A simulated robot starts there with a "
+        f"line in [driver] of run.toml: start = {{ {named} }}",
     )
 
 
@@ -313,5 +317,5 @@ def require_accepted(refusals: Sequence[str], motion: CertifiedMotion) -> None:
         raise UnsafeTrajectoryError(
             f"the robot refuses {motion.part} {motion.number}: {' '.join(refusals).rstrip('.')}",
             where=motion.part,
-            next_step="Write what the robot enforces into robot.toml, and ask for another motion.",
+            next_step="Write the limits that the robot enforces into robot.toml, and write another motion.",
         )

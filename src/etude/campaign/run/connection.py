@@ -22,7 +22,10 @@ class Typist:
 
     def agrees(self, sentences: Sequence[str], word: str) -> bool:
         """Print the sentences and wait for the word."""
-        return input("\n".join([*sentences, f"Is the room free? Type {word} to let it move: "])) == word
+        return (
+            input("\n".join([*sentences, f"Is the workspace clear? Type {word} to start the motion: "]))
+            == word
+        )
 
     def alive(self) -> bool:
         """Ctrl-C is how a person stops it here."""

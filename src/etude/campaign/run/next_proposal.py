@@ -75,7 +75,7 @@ def _number(text: str, code: int) -> int:
     try:
         answer = json.loads(text.strip().splitlines()[-1])
     except (ValueError, IndexError):
-        raise EtudeError(f"asking for the next motion ended with code {code} and no word") from None
+        raise EtudeError(f"planning the next motion ended with code {code} and no message") from None
     if "error" in answer:
         raise _error(answer["error"])
     return int(answer["number"])

@@ -68,7 +68,7 @@ def require_none(campaign: Campaign, points: Sequence[Open], *, simulated: bool)
     blocking = [one for one in points if not (one.waived and simulated)]
     if blocking:
         raise UsageError(
-            f"nothing was moved, since this is open: {' '.join(one.sentence for one in blocking)[:-1]}",
+            f"nothing moved, because of open points: {' '.join(one.sentence for one in blocking)[:-1]}",
             where=str(campaign.path),
             next_step=" ".join(dict.fromkeys(one.step for one in blocking)),
         )
@@ -77,8 +77,8 @@ def require_none(campaign: Campaign, points: Sequence[Open], *, simulated: bool)
 
 def _unstated(about: About) -> list[Open]:
     names = [name for name in STATED if getattr(about, name) is None]
-    step = "The driver's About has to say it; nothing of it is guessed."
-    return [Open(f"The driver does not say {name} of {about.name}.", step) for name in names]
+    step = "The driver's About has to state it, because it is never guessed."
+    return [Open(f"The driver does not state {name} of {about.name}.", step) for name in names]
 
 
 def _link(about: About) -> list[Open]:
@@ -88,11 +88,14 @@ def _link(about: About) -> list[Open]:
         return []
     if least > LONGEST_SILENCE:
         step = (
-            f"It has to take set-points and give samples at {FEWEST_SAMPLES / LONGEST_SILENCE:g} Hz or more."
+            f"It has to accept set-points and return samples at {FEWEST_SAMPLES / LONGEST_SILENCE:g} Hz or "
+            "more."
         )
-        return [Open(f"{about.name} is heard {about.rate:g} times a second, too rarely to be stopped.", step)]
-    sentence = f"{about.name} counts as lost after {about.silence:g} s without a sample."
-    step = f"The driver's About has to say a silence from {least:g} to {LONGEST_SILENCE:g} s."
+        return [
+            Open(f"{about.name} sends {about.rate:g} samples a second, too few to stop it in time.", step)
+        ]
+    sentence = f"The link to {about.name} is regarded as lost after {about.silence:g} s without a sample."
+    step = f"The driver's About has to state a silence from {least:g} to {LONGEST_SILENCE:g} s."
     return [Open(sentence, step)]
 
 
@@ -104,7 +107,7 @@ def _joints(campaign: Campaign, about: About) -> list[Open]:
     parts = [
         f"it {what} {', '.join(joints)}" for what, joints in (("lacks", lacking), ("has", beyond)) if joints
     ]
-    step = f"Name the joints in {ROBOT} and in the driver's settings alike."
+    step = f"Use the same joint names in {ROBOT} and in the driver's settings."
     return [Open(f"The joints of {about.name} are not the campaign's: {' and '.join(parts)}.", step)]
 
 
@@ -112,7 +115,7 @@ def _unit(campaign: Campaign, about: About) -> list[Open]:
     unit = command_unit(campaign.spec)
     if unit in ("", about.command_unit):
         return []
-    sentence = f"{about.name} gives commands in {about.command_unit}, and {ROBOT} says {unit}."
+    sentence = f"{about.name} gives commands in {about.command_unit}, but {ROBOT} states {unit}."
     return [Open(sentence, f"Correct command_unit in {ROBOT}, or the driver.")]
 
 
@@ -126,10 +129,10 @@ def _limits(campaign: Campaign, about: About) -> list[Open]:
         j = about.joints.index(axis)
         rows = [*_narrower(about, j, stated), *_slower(about, j, stated)]
         sentences += [
-            f"{about.name} enforces {what} of {axis}, and {ROBOT} {allows}." for what, allows, _ in rows
+            f"{about.name} enforces {what} of {axis}, but {ROBOT} {allows}." for what, allows, _ in rows
         ]
         lines += [f"{axis}: {', '.join(line for _, _, line in rows)}"] if rows else []
-    step = f"Write what the robot enforces into {ROBOT}: {'; '.join(lines)}."
+    step = f"Write the limits that the robot enforces into {ROBOT}: {'; '.join(lines)}."
     return [Open(sentence, step) for sentence in sentences]
 
 
@@ -158,7 +161,7 @@ def _narrower(about: About, j: int, stated: Mapping[str, Any]) -> list[tuple[str
             value = min(value, float(about.envelope.most[j]))
         sign, limit = (-1.0 if name == "lower" else 1.0), np.inf if stated[name] is None else stated[name]
         if np.isfinite(value) and sign * limit > sign * value + SLACK * abs(value):
-            allows = f"allows {limit:g}" if np.isfinite(limit) else "has no limit of it"
+            allows = f"allows {limit:g}" if np.isfinite(limit) else "has no such limit"
             rows.append((f"{name} {value:g}", allows, f"{name} = {value!r}"))
     return rows
 
@@ -189,7 +192,7 @@ def _speed_limits(envelope: Mapping[str, float], q: Array) -> Array:
 
 
 def _confirm(campaign: Campaign) -> list[Open]:
-    step = f"Take each line out of confirm in {campaign.path / ROBOT} once you know that it is right."
+    step = f"Once an assumption is confirmed, remove its line from confirm in {campaign.path / ROBOT}."
     sentences = [f"Assumed and not confirmed: {line}" for line in to_confirm(campaign.spec)]
     return [Open(one, step, waived=True) for one in sentences]
 
@@ -197,12 +200,12 @@ def _confirm(campaign: Campaign) -> list[Open]:
 def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
     before = last_identity(campaign.events())
     if not about.identity:
-        return [Open(f"{about.name} has no identity.", "The driver's About has to say it.")]
+        return [Open(f"{about.name} has no identity.", "The driver's About has to state it.")]
     now = about.answers_as
     if not before or is_identity_of(before, about) or is_identity_of(stated, about):
         return []
-    sentence = f"Earlier recordings are of {before}, and this robot is {now}."
-    step = f"If the campaign is to go on with it: --identity {typed(now)}. Else start another campaign."
+    sentence = f"Earlier recordings are of {before}, but this robot is {now}."
+    step = f"To continue the campaign with this robot: --identity {typed(now)}. Else create another campaign."
     return [Open(sentence, step)]
 
 
@@ -216,4 +219,4 @@ def _waiting(campaign: Campaign) -> list[Open]:
     if not waiting:
         return []
     step = f"etude tell {typed(campaign.path)} --changed new (or forget, or same)."
-    return [Open(f"Log {waiting[0].number} waits for the answer to whether the robot has changed.", step)]
+    return [Open(f"Log {waiting[0].number} waits for an answer about a change of the robot.", step)]

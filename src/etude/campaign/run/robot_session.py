@@ -121,7 +121,7 @@ class RobotSession:
         q = sample.q if sample.asked is None else sample.asked
         if not np.isfinite(q).all() or q.shape != (len(self.about.joints),):
             raise LinkLost(
-                f"{self.about.name} does not say where it stands",
+                f"{self.about.name} does not report its position",
                 next_step="Check its connection, then run again.",
             )
         return np.asarray(q[self.columns], dtype=float)
@@ -235,18 +235,19 @@ class RobotSession:
         why = fact.reason.rstrip(".") or fact.ended
         on = f" --on {typed(self.on)}" if self.on else ""
         next_step = (
-            f"See to it, then: etude run {typed(self.campaign.path)}{on}. It plans a new approach from there."
+            f"Remove the cause, then: etude run {typed(self.campaign.path)}{on}. It plans a new approach "
+            "from there."
         )
         if result.done:
             return
         if fact.ended == Ended.INTERRUPTED.value:
             raise KeyboardInterrupt
         if fact.ended == Ended.REFUSED.value:
-            raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=next_step)
+            raise UnsafeTrajectoryError(f"the robot did not start: {why}", where=where, next_step=next_step)
         if fact.ended == Ended.LOST.value:
             does = after_loss(self.about)
             raise LinkLost(
-                f"nothing was heard of {self.about.name}: {why}",
+                f"no sample came from {self.about.name}: {why}",
                 where=where,
                 next_step=f"{does[0].upper()}{does[1:]}. {next_step}",
             )
@@ -262,8 +263,8 @@ class RobotSession:
             return ""
         mend = "limits, masses or home" if slow else "its velocity and acceleration"
         return (
-            f"{weak} If it stops there again with nothing in its way, correct {mend} in robot.toml, and ask "
-            f"anew: etude ask {typed(self.campaign.path)} --new."
+            f"{weak} If it stops there again without an obstacle, correct {mend} in robot.toml, and write "
+            f"another motion: etude ask {typed(self.campaign.path)} --new."
         )
 
     def _too_weak(self, recording: Recording) -> str:
@@ -294,7 +295,7 @@ def after_loss(about: About) -> str:
         "goes on": "it GOES ON",
         "falls": "it FALLS",
     }
-    return does.get(about.on_loss, "what it does is not known")
+    return does.get(about.on_loss, "its reaction is unknown")
 
 
 class _Watching:
@@ -385,7 +386,7 @@ def require_room(folder: Path, motion: PlannedMotion) -> None:
             f"the disk has {free / 2**20:.0f} MB left; a recording may take {arrays / 2**20:.0f} MB, and "
             f"{LEAST_FREE / 2**20:.0f} MB have to stay free",
             where=str(folder),
-            next_step="Make room, then run again; nothing moved.",
+            next_step="Nothing moved. Free some space, then run the command again.",
         )
 
 
@@ -411,7 +412,7 @@ def only_one(campaign: Campaign, about: About) -> Iterator[None]:
     """Lock for one run at a time of a campaign, and of a real robot. UsageError: there is another run."""
     with contextlib.ExitStack() as held:
         held.enter_context(
-            _lock_file(campaign.path / ".run.lock", "another etude run works in this campaign")
+            _lock_file(campaign.path / ".run.lock", "another etude run is active in this campaign")
         )
         if about.real:
             named = hashlib.sha256(about.identity.encode()).hexdigest()[:16]
@@ -437,7 +438,7 @@ def _lock_file(path: Path, fact: str) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise UsageError(fact, where=str(path), next_step="Let it end, or end it by Ctrl-C.") from None
+            raise UsageError(fact, where=str(path), next_step="Let it end, or stop it with Ctrl-C.") from None
         yield
     finally:
         os.close(handle)

@@ -156,9 +156,10 @@ def _usage_comment(size: int) -> str:
         lines.append(f'ros2 topic pub --once {TOPIC} {MESSAGE} "$(cat {FILE})"')
     else:
         lines.append(
-            "Too long for an argument of a command: ros2 topic pub has --yaml-file in newer releases;"
+            "If it is too long for a command-line argument: newer releases of ros2 topic pub have "
+            "--yaml-file;"
         )
-        lines.append("or play the bag that etude ask --format ros2 writes.")
+        lines.append("or play the bag of etude ask --format ros2.")
     return "".join(f"# {line}\n" for line in lines)
 
 

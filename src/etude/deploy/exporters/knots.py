@@ -79,7 +79,7 @@ def knots_of(what: Trajectory | MotionWithCommands, kind: Kind, spec: Any, order
             return Knots(knots.names, knots.nanoseconds, knots.points, values, knots.form)
         rate *= 2.0
     raise UsageError(
-        f"the motion is too quick for {FASTEST:g} points per second",
+        f"the motion is too fast for {FASTEST:g} points per second",
         next_step="Run it slower: etude ask --speed 50.",
     )
 
@@ -92,13 +92,13 @@ def names_of(kind: Kind, spec: Any) -> tuple[str, ...]:
 def require_joints(kind: Kind, spec: Any, what: str) -> None:
     """Raises UsageError if the robot's path is in space."""
     if names_of(kind, spec) == SPACE:
-        raise UsageError(f"{what} moves joints, and the path of {spec.name!r} is x, y, z")
+        raise UsageError(f"{what} moves joints, but the path of {spec.name!r} is x, y, z")
 
 
 def require_space(kind: Kind, spec: Any, what: str) -> None:
     """Raises UsageError unless the robot's path is in space."""
     if names_of(kind, spec) != SPACE:
-        raise UsageError(f"{what} flies a path of x, y, z, and {spec.name!r} has none")
+        raise UsageError(f"{what} needs a path of x, y, z, but {spec.name!r} has none")
 
 
 def grid_of(motion: Trajectory, rate: float) -> Index:

@@ -106,7 +106,7 @@ class UrScript:
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         if len(path.parts) != JOINTS or set(path.units) != {"rad"}:
             raise UsageError(
-                f"URScript moves {JOINTS} revolute joints, and {spec.name!r} has {', '.join(path.parts)}",
+                f"URScript moves {JOINTS} revolute joints, but {spec.name!r} has {', '.join(path.parts)}",
                 next_step="Use another format: etude plugins lists them.",
             )
         motion, _ = motion_and_command(what)
@@ -153,8 +153,8 @@ class UrScript:
         """Sentences on the controller's lag and on a long program."""
         count = len(_read(files)[0])
         follows = (
-            f"servoj follows its targets about {LOOK_AHEAD_S:g} s late, by its own law: what the arm does is "
-            "tracking, which the margins hold once a log shows it."
+            f"servoj follows its targets about {LOOK_AHEAD_S:g} s late by its own control law. Tracking "
+            "margins include this once a log shows it."
         )
         longer = (
             f"{FILE} has more than {LONG} lines ({count}), at which controllers of the CB series failed: "

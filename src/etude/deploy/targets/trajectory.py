@@ -66,7 +66,7 @@ class Along:
         """
         settings = taken(options, TrajectoryOptions, "trajectory")
         if settings.motion is None:
-            raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
+            raise UsageError("there is no motion to follow", next_step="--set motion=trajectory.json")
         motion, limits = settings.motion.trajectory, settings.motion.limits
         control = settings.motion.control
         proof = require_certified(motion, limits, control=control)

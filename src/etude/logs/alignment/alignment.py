@@ -403,8 +403,8 @@ def ended(log: Log, duration: float) -> Log:
     if duration - last < LEAST_STANDSTILL:
         return log
     return log.repaired(
-        f"The log ends at {last:.1f} s of the proposal's {duration:.4g} s, {duration - last:.1f} s before it "
-        "does: it teaches up to there."
+        f"The log ends at {last:.1f} s of the proposal's {duration:.4g} s, {duration - last:.1f} s before "
+        "its end: only this part is used."
     )
 
 
@@ -431,7 +431,7 @@ def _moved(log: Log, start: float) -> Log:
     """The log with t = 0 at the start, and a sentence if it was shifted."""
     if start == 0.0:
         return log
-    sentence = f"The proposal starts {start:.3f} s into the log's time; t = 0 was moved there."
+    sentence = f"The proposal starts {start:.3f} s after the start of the log; t = 0 was moved there."
     return replace(log, t=log.t - start).repaired(sentence)
 
 
@@ -465,7 +465,7 @@ def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence
         return
     what = "the motion deviates" if best.pooled > most or cause else "its rates deviate"
     by = best.pooled if best.pooled > most or cause else best.mismatch
-    step = "Tell the log of this proposal, or the number of the proposal that was run."
+    step = "Ingest the log of this proposal, or state the number of the proposal that was run."
     raise DataError(
         f"this is not the log of the proposed trajectory: {what} from it by {by:.2g} times its spread{cause}",
         where=log.source,
@@ -474,7 +474,7 @@ def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence
 
 
 COLUMNS = (
-    "If positions are in a wrong column, sign or unit, say so in [log.columns] of campaign.toml, as "
+    "If positions have a wrong column, sign or unit, correct them in [log.columns] of campaign.toml, as in "
     '"q_elbow" = "-1 * HEADER".'
 )
 
@@ -496,7 +496,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
         if likeness[j, j] > ALIKE and 40 < slope[j] < 80:
             return f"; {parts[j]} looks like degrees"
         if likeness[j, j] < 0.5 and likeness[j, other] > ALIKE:
-            return f"; {parts[j]} does what was proposed for {parts[other]} (exchanged?)"
+            return f"; {parts[j]} follows the proposal for {parts[other]} (exchanged?)"
     return ""
 
 
@@ -507,8 +507,8 @@ def _check_coverage(log: Log, duration: float) -> None:
             f"the log holds {covered:.3g} of the proposal's {duration:.3g} s, or another motion. "
             f"{ending(log)}".rstrip(" ."),
             where=log.source,
-            next_step="Tell the log of this proposal, recorded from start to end; if it broke off, run it "
-            "again, gentler if it hit something.",
+            next_step="Ingest a log of the whole proposal. If the motion was interrupted, run it again, "
+            "slower if the robot hit something.",
         )
 
 

@@ -24,8 +24,8 @@ STEP = 0.03  # of a joint's top speed, over which friction changes its sign
 UNITS = {
     "thousandths of N m": 1e3,
     "kN m": 1e-3,
-    "N m taken for degrees": np.pi / 180.0,
-    "N m taken for radians": 180.0 / np.pi,
+    "N m converted as if they were degrees": np.pi / 180.0,
+    "N m converted as if they were radians": 180.0 / np.pi,
 }
 NEAR_FACTOR = 1.25  # a known unit explains a slope that is nearer than this
 NEAR_FILE = 1.6  # factor that masses of a right file may be off
@@ -51,7 +51,7 @@ def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
     if wrong.any():
         return unit_finding(motion.parts, motion.units, slope, wrong, limit)
     if not comparable.any():
-        return Finding(SCALE, "cannot tell", "No command follows the model file closely enough.")
+        return Finding(SCALE, "cannot tell", "No command agrees with the model file closely enough.")
     values = ", ".join(f"{value:.2g}" for value in slope[comparable])
     names, quantity = named(motion.parts, comparable), _quantity(motion.units, comparable)[0]
     fact = f"Commands of {names} are {values} times the file's {quantity}."
@@ -135,11 +135,14 @@ def _guess(slope: Array, limit: Array) -> str:
     """The factor nearest in logarithm, in words."""
     percent = float(np.exp(np.abs(np.log(slope * limit / 100.0)).max()))
     if percent < NEAR_FACTOR:
-        return "they look like percents of the limit."
+        return "they look like per cent of the limit."
     middle = float(np.exp(np.median(np.log(slope))))
     name, factor = min(UNITS.items(), key=lambda row: abs(np.log(middle / row[1])))
     if abs(np.log(middle / factor)) < np.log(NEAR_FACTOR):
         return f"they look like {name}."
     if middle < 1.0:
-        return f"they look like a current, or like torques before a gear of about {1.0 / middle:.3g}."
-    return "they look like another unit, or masses of that file like placeholders."
+        return (
+            "they look like a current, or like torques at the motor with a gear ratio of about "
+            f"{1.0 / middle:.3g}."
+        )
+    return "they look like another unit, or the masses of that file are placeholders."

@@ -172,8 +172,8 @@ def _rows_held(log: Log) -> Iterator[Finding]:
 
 def _held_fact(what: str, each: float, step: float) -> Iterator[Finding]:
     rates = f"the sensors give {1.0 / (step * each):.2g} rows a second, the log {1.0 / step:.4g}"
-    fact = f"{what} stands {each:.2g} times: {rates}"
-    yield from _mended(HELD, fact, "rows that repeat are dropped.")
+    fact = f"{what} is repeated {each:.2g} times: {rates}"
+    yield from _mended(HELD, fact, "repeated rows are dropped.")
 
 
 def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
@@ -193,8 +193,8 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
                 COMMANDS_HELD,
                 BEYOND_CHANCE,
                 f"Commands change {rate / each:.3g} times a second in a log of {rate:.4g} rows a second: "
-                "in between they are not what moves the joints",
-                "Log commands at the rate of the positions. If the controller itself is so slow,",
+                "in between, they are not the commands that move the joints",
+                "Log commands at the rate of the positions. If the controller itself has this rate,",
             )
 
 
@@ -259,7 +259,7 @@ def _wrapped(numbers: Numbers) -> Iterator[Finding]:
     if times:
         facts.append(f"{named(numbers.parts, wrap)}: {times} jump{'s'[: times > 1]} of one turn")
     if far.any():
-        facts.append(f"{named(numbers.parts, far)}: whole turns outside of the limits")
+        facts.append(f"{named(numbers.parts, far)}: whole turns outside the limits")
     endless = np.isfinite(numbers.reach) & (numbers.reach > ENDLESS_TURNS * TURN_RAD)
     if times and (endless | turns.opposed)[wrap].all():
         findings = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
@@ -301,8 +301,8 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
     pairs = [(a, b) for a, b in np.argwhere(np.triu(like > SAME, 1)).tolist() if moving[a] or moving[b]]
     if pairs:
         names = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
-        step = "Look at the names of the columns, and export the log again."
-        yield from _possible(COPIED, 100.0, f"These are one column: {names}", step)
+        step = "Check the names of the columns, and export the log again."
+        yield from _possible(COPIED, 100.0, f"These columns are identical: {names}", step)
 
 
 def _centred(block: Array) -> Array:
@@ -326,8 +326,8 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
             return
         if size.max() > 0.0:
             visits += _brief_visits(size / size.max(), numbers.step)
-    fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
-    step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
+    fact = f"No command ever changes its sign, and commands return from zero {visits} times"
+    step = "Log commands with their sign, because a model of magnitudes is wrong for the opposite motion."
     if bit := _sign_bit(numbers.u):
         step = f"The sign is in bit {bit}: write {2**bit} - value for values from {2**bit} on."
     yield from _possible(UNSIGNED, visits * math.log(2.0), fact, step)
@@ -388,7 +388,7 @@ def _without_spans(log: Log, finding: Mendable) -> Log:
 
 
 def _cut(log: Log, finding: Mendable) -> Log:
-    return without_spans(log, finding).repaired(f"{finding.sentence} These stretches were cut.")
+    return without_spans(log, finding).repaired(f"{finding.sentence} These parts were cut.")
 
 
 WHOLE_RANGE, BETWEEN = 0.9, (0.35, 0.65)  # of a command's range: a wrap, and steps that are neither
@@ -401,7 +401,7 @@ def _overflown(numbers: Numbers) -> Iterator[Finding]:
         if jumps > 1:
             top = float(np.abs(numbers.u[:, j]).max())
             fact = f"The command of {name} jumps {jumps} times through its whole range, at {top:.4g}"
-            step = "It wraps where its integer ends: log it in a wider type, or smaller units."
+            step = "The integer type overflows: log the command in a wider type, or in a larger unit."
             yield from _possible(OVERFLOW, 10.0 * jumps, fact, step)
 
 
@@ -431,9 +431,9 @@ def _clipped(numbers: Numbers, limits: Limits) -> Iterator[Finding]:
     levels = ", ".join(f"{level:.4g}" for level in clipping.levels[clipping.joints])
     share = 100.0 * float(clipping.rows.mean())
     names = named(numbers.parts, clipping.joints)
-    fact = f"The commands of {names} stand at {levels} while the joints move, "
+    fact = f"The commands of {names} stay at {levels} while the joints move, "
     fact += f"{share:.3g} % of the log: they were clipped"
-    step = "Log the whole range, if the recorder clips; a drive that gives no more has a smaller limit."
+    step = "If the recorder clips, log the whole range. If the drive saturates, its limit is smaller."
     t, stretches = numbers.t, runs(clipping.rows)
     spans = tuple((float(t[a]), float(t[b - 1] + numbers.step)) for a, b in stretches)
     for finding in _possible(CLIPPED, BEYOND_CHANCE, fact, step, mend="cut these stretches"):
@@ -542,11 +542,14 @@ def _rows_lost(numbers: Numbers) -> Iterator[Finding]:
         return
     odds, share = steps.odds()
     count = int((steps.counts(share) > 1.0).sum())
-    fact = f"{count} steps are twice as long as the speed says: rows were lost, and the times count rows"
+    fact = (
+        f"{count} steps are twice as long as the speed predicts: rows were lost, and the times are row "
+        "numbers"
+    )
     if odds >= CERTAIN and numbers.v is not None:
-        yield from _mended(LOST, fact, "the times are set right by the velocities.")
+        yield from _mended(LOST, fact, "the times are corrected with the velocities.")
     elif count:
-        yield from _possible(LOST, odds, fact, "Log the stamps of the sensor.", mend="set the times right")
+        yield from _possible(LOST, odds, fact, "Log the time stamps of the sensor.", mend="correct the times")
 
 
 def _retimed(log: Log, _: Mendable) -> Log:
@@ -557,7 +560,7 @@ def _retimed(log: Log, _: Mendable) -> Log:
     counts = steps.counts(steps.odds()[1])
     t = np.concatenate([log.t[:1], log.t[0] + np.cumsum(np.diff(log.t) * counts)])
     lost = int((counts - 1.0).sum())
-    return replace(log, t=t).repaired(f"Times were set right where {lost} rows had been lost.")
+    return replace(log, t=t).repaired(f"Times were corrected where {lost} rows had been lost.")
 
 
 def _fresh_rows(log: Log, finding: Mendable) -> Log:

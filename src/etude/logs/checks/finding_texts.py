@@ -60,9 +60,9 @@ def named(parts: Sequence[str], which: Mask) -> str:
 
 def accepted(check: str) -> str:
     """Text of the answer that accepts the log unchanged."""
-    return f"--accept {check} takes it as it is"
+    return f"--accept {check} uses the log without a repair"
 
 
 def both(check: str, what: str) -> str:
     """The two answers to a question that Étude can act on; `what` is the repair in words."""
-    return f"Tell it with --repair {check} to {what}; {accepted(check)}."
+    return f"Ingest it with --repair {check} to {what}; {accepted(check)}."

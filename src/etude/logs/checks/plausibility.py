@@ -97,7 +97,7 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
     kg = load_beside(motion, torque, body.links(states)[:, :, -1, 0])
     if not kg:
         return finding
-    fact = f"The commands follow the model file with {kg:.2g} kg more at the last link."
+    fact = f"The commands agree with the model file plus {kg:.2g} kg at the last link."
     return Finding(finding.check, "green", fact)
 
 
@@ -111,7 +111,7 @@ def repaired(log: Log, finding: Finding) -> Log:
     """The repaired log. UsageError: there is no repair for the finding."""
     if not isinstance(finding, Mendable):
         raise UsageError(
-            f"nothing repairs the check '{finding.check}' of this log: {finding.sentence}",
+            f"there is no repair for the check '{finding.check}' of this log: {finding.sentence}",
             where=log.source,
             next_step=finding.step,
         )
@@ -127,7 +127,7 @@ def _scaled(log: Log, finding: Mendable) -> Log:
 def _turned(log: Log, _: Mendable) -> Log:
     t = log.t[0] + log.t[-1] - log.t[::-1]
     values = {name: np.ascontiguousarray(part[::-1]) for name, part in log.values.items()}
-    return replace(log, t=t, values=values).repaired("The rows were turned round in time, as asked.")
+    return replace(log, t=t, values=values).repaired("The order of the rows was reversed, as asked.")
 
 
 def _ordered(log: Log, finding: Mendable) -> Log:
@@ -142,7 +142,7 @@ def _signed(log: Log, finding: Mendable) -> Log:
     """by: -1 for each column that is to be turned."""
     channel, signs = _command(log), np.array(finding.by)
     sentence = (
-        f"The sign of the commands of {named(channel.parts, np.asarray(signs < 0))} was turned, as asked."
+        f"The sign of the commands of {named(channel.parts, np.asarray(signs < 0))} was inverted, as asked."
     )
     return log.put(channel, log[channel.name] * signs).repaired(sentence)
 
@@ -152,7 +152,7 @@ def _shifted(log: Log, finding: Mendable) -> Log:
     channel, late = _command(log), finding.by[0]
     inside = (log.t + late >= log.t[0]) & (log.t + late <= log.t[-1])
     command = resample(log.t, log[channel.name], log.t[inside] + late)
-    sentence = f"{finding.sentence} They were shifted by that."
+    sentence = f"{finding.sentence} They were shifted by this time."
     return log.take(inside).put(channel, command).repaired(sentence)
 
 
@@ -213,9 +213,9 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     return Excludable(
         JUMP,
         "yellow",
-        f"The {path} jumps where no speed within the limits explains it: {'; '.join(sentences)}{more}.",
-        "The rows around are left out, and the longest stretch between is learned from, unless told with "
-        f"--accept {JUMP}. Was the estimator reset? Altitudes before and after may differ.",
+        f"The {path} jumps faster than the limits allow: {'; '.join(sentences)}{more}.",
+        "The rows around the jumps are excluded, and training uses the longest part between them, unless "
+        f"ingested with --accept {JUMP}. Was the estimator reset? Altitudes before and after may differ.",
         spans=spans,
     )
 
@@ -287,16 +287,16 @@ def brake_finding(log: Log, command: Channel, limit: Array) -> Finding:
     off, edges = _off(log, command, limit)
     spans = _off_spans(off, edges)
     if not spans:
-        return Finding(BRAKE, "green", "Where the robot stands, something is commanded.")
+        return Finding(BRAKE, "green", "Commands are not zero while the robot is at rest.")
     if off.all():
-        fact = "Throughout the log no joint moves and nothing is commanded: brakes on, or drives off."
+        fact = "Throughout the log no joint moves and all commands are zero: brakes on, or drives off."
         return Finding(BRAKE, "red", fact, "Release the brakes and record a motion.")
     seconds = sum(end - start for start, end in spans)
     return Excludable(
         BRAKE,
         "yellow",
-        f"For {seconds:.3g} s no joint moves and nothing is commanded: brakes on, or drives off.",
-        f"That is cut, unless told with --accept {BRAKE}.",
+        f"For {seconds:.3g} s no joint moves and all commands are zero: brakes on, or drives off.",
+        f"This part is cut, unless ingested with --accept {BRAKE}.",
         spans=spans,
     )
 

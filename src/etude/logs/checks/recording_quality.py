@@ -17,7 +17,7 @@ COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot ma
 DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can tell
 SATURATED = 0.01  # of the rows at an extreme
 AT_EDGE = 1e-3  # of the range
-NOT_FILLED = "Was it recorded? Leave it out of the log if it was never filled."
+NOT_FILLED = "Remove the column from the log if it was never recorded."
 EMPTY = 0.2  # of the rows: a log that lacks more of what is needed is refused
 LEAPS = 30.0  # times the step that 99 % of the rows stay below
 
@@ -54,10 +54,10 @@ def _dead(log: Log) -> Finding:
             worse += [label(channel, j)] if channel.role == "command" and moves else []
     if worse:
         fact = f"{_listed(worse)} never changes although its joint moves."
-        return Finding("dead", "red", fact, "Log this command, or leave the joint out of the robot file.")
+        return Finding("dead", "red", fact, "Log this command, or remove the joint from the robot file.")
     if dead:
         fact = f"Never changing: {_listed(dead)}."
-        step = "A joint that stands teaches its gravity and friction only." if still else NOT_FILLED
+        step = "A joint at rest shows only its gravity and friction." if still else NOT_FILLED
         return Finding("dead", "yellow", fact, step)
     return Finding("dead", "green", "Every column changes.")
 
@@ -78,14 +78,14 @@ def _empty(log: Log) -> Finding:
                 shares[label(channel, j)] = share
                 needed = max(needed, share if channel.parts[j] else 0.0)
     if not shares:
-        return Finding("empty", "green", "Every cell holds a number.")
+        return Finding("empty", "green", "Every cell is a number.")
     worst = max(shares, key=lambda name: shares[name])
     some = "1 column has" if len(shares) == 1 else f"{len(shares)} columns have"
     return Finding(
         "empty",
         "red" if needed > EMPTY else "yellow",
         f"{some} empty or infinite cells, most {worst}: {100 * shares[worst]:.3g} %.",
-        "Such rows are dropped, of a column that is needed; export all channels at the same times.",
+        "Such rows are dropped if the column is needed; export all channels at the same times.",
     )
 
 
@@ -97,12 +97,12 @@ def _coarse(log: Log) -> Finding:
             if quantum > 0.0:
                 steps[label(channel, j)] = quantum / size
     if not steps:
-        return Finding("quantisation", "green", "No column shows the steps of its sensor.")
+        return Finding("quantisation", "green", "No column shows the resolution of its sensor.")
     worst = max(steps, key=lambda name: steps[name])
     fact = f"The coarsest column is {worst}: its range is {1.0 / steps[worst]:.3g} steps of the sensor."
     if steps[worst] < COARSE:
         return Finding("quantisation", "green", fact)
-    step = "Write more digits; if the encoder is so coarse, move further and faster."
+    step = "Write more digits. If the encoder itself is this coarse, move further and faster."
     return Finding("quantisation", "yellow", fact, step)
 
 
@@ -131,7 +131,7 @@ def _saturated(log: Log, limits: Limits) -> Finding:
         "saturation",
         "yellow",
         f"Commands stay at an extreme: {names} of the time.",
-        "There the command says little of the motion: run it gentler.",
+        "There the command contains little information on the motion: run it slower.",
         spans=spans_of(log.t, np.flatnonzero(marked)),
     )
 
@@ -166,8 +166,8 @@ def _leaping(log: Log) -> Finding:
     return Finding(
         "jumps",
         "yellow",
-        f"{_listed(names)} leaps {len(rows)} time{'s'[: len(rows) > 1]}, first at {log.t[rows[0]]:.3g} s.",
-        "Single wild rows are dropped; cut the file where another recording begins.",
+        f"{_listed(names)} jumps {len(rows)} time{'s'[: len(rows) > 1]}, first at {log.t[rows[0]]:.3g} s.",
+        "Single outlier rows are dropped; cut the file where another recording begins.",
         spans=spans_of(log.t, np.array(sorted(set(rows)))),
     )
 
@@ -196,11 +196,16 @@ def _rate(forward: Array, step: float) -> Finding:
     spread = float(np.quantile(np.abs(forward / step - 1.0), 0.95))
     fact = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.3g} % of {step:.4g} s."
     if not SLOWEST < 1.0 / step < FASTEST:
-        return Finding("rate", "yellow", fact, "No robot is recorded so: are the times in another unit?")
+        return Finding(
+            "rate", "yellow", fact, "This rate is implausible: perhaps the times are in another unit."
+        )
     if spread < JITTER:
         return Finding("rate", "green", fact)
     return Finding(
-        "rate", "yellow", fact, "Log at a fixed rate, or take the stamps of the sensor, not the host's."
+        "rate",
+        "yellow",
+        fact,
+        "Log at a fixed rate, or use the time stamps of the sensor instead of the host's.",
     )
 
 
@@ -230,7 +235,7 @@ def _gaps(t: Array, steps: Array, step: float) -> Finding:
         "red" if share > 0.5 else "yellow",
         f"{len(gaps)} pause{'s'[: len(gaps) > 1]} without samples, together {lost:.3g} s, the longest "
         f"{steps[gaps].max():.3g} s.",
-        "Pauses split the log; a slower rate or another recorder loses fewer rows.",
+        "Pauses split the log; a lower rate or another recorder loses fewer rows.",
         spans=tuple((float(t[k]), float(t[k + 1])) for k in gaps[:SPANS]),
     )
 
@@ -241,7 +246,9 @@ def _repeats(steps: Array) -> Finding:
     fact = f"{100 * share:.3g} % of the rows repeat the time before."
     if share < REPEATED:
         return Finding("repeats", "green", fact)
-    return Finding("repeats", "yellow", fact, "Repeated times are dropped: log at the sensor's rate.")
+    return Finding(
+        "repeats", "yellow", fact, "Rows with a repeated time are dropped; log at the sensor's rate."
+    )
 
 
 def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:
@@ -274,7 +281,7 @@ def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     grid = uniform_grid(part.t, rate)
     q = resample(part.t, part[path.name], grid)
     if len(grid) < 4 * LEAST_ROWS or not motion.moves.any():
-        return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
+        return Finding("noise", "cannot tell", "There is too little motion to distinguish it from noise.")
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
     raw, filtered = np.sqrt(6.0) * level * rate**2, level * _filter_gain(rate, motion.cutoff)
     size = motion.qdd.std(axis=0)
@@ -301,12 +308,12 @@ def _filter_gain(rate: float, cutoff: float) -> float:
 def _standstill(motion: Seen) -> Finding:
     share = 1.0 - motion.moving.mean(axis=0)
     never, long = ~motion.moves, motion.moves & (share > STANDING)
-    fact = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
+    fact = f"Joints are at rest for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
     if never.any():
         fact = f"{named(motion.parts, never)} never move{'s'[: int(never.sum()) == 1]}. {fact}"
     elif not long.any():
         return Finding("rest", "green", fact)
-    return Finding("rest", "yellow", fact, "Move every joint that is to be learned, and more of the time.")
+    return Finding("rest", "yellow", fact, "Move every joint of the model, and for more of the time.")
 
 
 def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
@@ -320,7 +327,10 @@ def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
     small = share < SMALL
     if not small.any():
         return Finding("coverage", "green", f"{fact}.")
-    fact += f"; little is seen of {named(motion.parts, small)}."
+    fact += f"; the range of {named(motion.parts, small)} is hardly covered."
     return Finding(
-        "coverage", "yellow", fact, "A model knows what it was shown: etude ask proposes the rest."
+        "coverage",
+        "yellow",
+        fact,
+        "A model is accurate only where it has data: etude ask proposes motions for the rest.",
     )

@@ -67,10 +67,12 @@ def rate_finding(motion: Seen, rate: float, usual: float | None = None) -> Findi
     """
     slopes = Slopes.of(motion)
     if slopes is None:
-        return Finding(VELOCITY, "cannot tell", "No velocity is logged that could be held against positions.")
+        return Finding(
+            VELOCITY, "cannot tell", "No velocity is logged that could be compared with the positions."
+        )
     finite = np.isfinite(slopes.beta)
     if not finite.any():
-        return Finding(VELOCITY, "cannot tell", "No joint moves for long enough to judge velocities by.")
+        return Finding(VELOCITY, "cannot tell", "No joint moves long enough to check the velocities.")
     beta, r = slopes.beta[finite], slopes.r[finite]
     if (np.abs(beta - 1.0) < NEAR).all() and (r > LIKE).all():
         return Finding(
@@ -97,7 +99,7 @@ def _common_finding(
     scale = clock_factor(factor)
     if scale is None:
         return None
-    fact = f"velocities are {factor:.3g} times the slopes of the positions, in every joint alike"
+    fact = f"velocities are {factor:.3g} times the slopes of the positions in every joint"
     return clock_finding(scale, fact)
 
 
@@ -137,7 +139,7 @@ def _reversed(several: bool, parts: str) -> Finding:
         fact = "The rows run backwards in time: every velocity is the negative slope of its position."
     else:
         fact = f"Velocity and position of {parts} have opposite signs: reversed rows, or an inverted column."
-    return Mendable(DIRECTION, "red", fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
+    return Mendable(DIRECTION, "red", fact, both(DIRECTION, "reverse the order of the rows"), flag=DIRECTION)
 
 
 def _degrees(factor: float) -> Finding:
@@ -147,7 +149,7 @@ def _degrees(factor: float) -> Finding:
         "red",
         f"The units are mixed: {what}, the others in radians (factor {factor:.3g} in every joint).",
         f"State the unit in the header (q_elbow [deg]) or convert it; {accepted('degrees')}, if only the "
-        "velocities are wrong, which are not learned from.",
+        "velocities are wrong, since training does not use them.",
         flag="degrees",
     )
 
@@ -157,7 +159,7 @@ def _single_joint_finding(motion: Seen, slopes: Slopes, finite: Mask) -> Finding
     foreign = finite & (np.nan_to_num(np.abs(slopes.r)) < OTHER)
     turned = finite & (slopes.beta < 0.0) & (np.abs(slopes.r) > LIKE)
     wrong = finite & ~slopes.agrees & (slopes.r > OTHER) & ~turned
-    step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
+    step = f"Check the columns; {accepted(VELOCITY)}: training uses positions, not velocities."
     whose_are = {j: owner for j in np.flatnonzero(foreign).tolist() if (owner := _velocity_source(motion, j))}
     if motion.command is None:  # a vehicle's estimate, which its sensors pull about
         foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
@@ -171,15 +173,15 @@ def _single_joint_finding(motion: Seen, slopes: Slopes, finite: Mask) -> Finding
     elif wrong.sum() > 1 and np.ptp(slopes.beta[finite]) < NEAR * abs(float(np.median(slopes.beta[finite]))):
         factor = float(np.median(slopes.beta[finite]))
         fact = (
-            f"Velocities are {factor:.3g} times the slopes of the positions, in every joint alike: another "
-            "unit, or a time column that is none (a row number, a clock that stands)."
+            f"Velocities are {factor:.3g} times the slopes of the positions in every joint: another unit, "
+            "or a time column without times (a row number, a stopped clock)."
         )
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in slopes.beta[wrong])
         fact = f"The velocity of {named(motion.parts, wrong)} is {factors} times the slope of its position."
         fact += _degrees_sentence(slopes.beta[wrong])
     else:
-        fact = "Velocities agree with positions but roughly: they are noisy, or were filtered."
+        fact = "Velocities agree with positions only roughly: they are noisy, or were filtered."
         return Finding(VELOCITY, "cannot tell", fact)
     return Finding(VELOCITY, "red", fact, step, flag=VELOCITY)
 
@@ -221,7 +223,7 @@ def degrees_finding(motion: Seen) -> Finding | None:
         IN_DEGREES,
         "red",
         f"The positions look like degrees: {named(motion.parts, hinges)} all reach beyond {TURN:g} rad.",
-        f"State the unit in the header (q_elbow [deg]), or tell it with --degrees; {accepted(IN_DEGREES)}.",
+        f"State the unit in the header (q_elbow [deg]), or ingest it with --degrees; {accepted(IN_DEGREES)}.",
         flag=IN_DEGREES,
     )
 

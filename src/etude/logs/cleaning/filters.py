@@ -62,7 +62,7 @@ def longest_stretch(log: Log) -> Log:
     rows = longest.stop - longest.start
     if rows == len(log):
         return log
-    sentence = f"The recording pauses; the longest stretch, {rows} rows, is kept."
+    sentence = f"The recording pauses; the longest part, {rows} rows, is kept."
     return log.take(longest).repaired(sentence)
 
 
@@ -149,7 +149,7 @@ def trimmed(log: Log, first_s: float, last_s: float) -> Log:
     inside = (since >= first_s) & (since <= (since[-1] if len(log) else 0.0) - last_s)
     if not inside.any():
         raise DataError(
-            "nothing is left of a log after trimming",
+            "no rows of the log remain after trimming",
             where=log.source,
             next_step="Trim less, or record longer.",
         )

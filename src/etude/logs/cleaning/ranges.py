@@ -51,7 +51,8 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
             f"{np.abs(q).max():.4g} where the limits are within "
             f"{max(np.abs(lower).max(), np.abs(upper).max()):.4g} {units[0]}",
             where=log.source,
-            next_step="Convert them, name the unit in the header (q_joint [deg]), or ask for the conversion.",
+            next_step="Convert them, state the unit in the header (q_joint [deg]), or request the "
+            "conversion.",
         )
     over = np.maximum(q.max(axis=0) - upper, lower - q.min(axis=0))
     if channel.role == "state" and not _fits(q, lower, upper):
@@ -60,7 +61,7 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
             f"the position reaches {_furthest(q[:, j], lower[j], upper[j]):.4g} {units[j]}, outside the "
             f"limits {lower[j]:.4g} to {upper[j]:.4g} {units[j]}",
             where=f"{log.source}, {channel.parts[j]}",
-            next_step="Is this log of another robot or in another unit? If not, correct the robot's limits.",
+            next_step="If the log is of this robot and in this unit, correct the robot's limits.",
         )
     for k in np.flatnonzero(over > 0):
         log = log.repaired(
@@ -142,7 +143,7 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
                         f"{channel.derivative_of} and {channel.name} disagree by a factor {factor:.3g}: "
                         f"{text}?",
                         where=f"{log.source}, {channel.parts[j]}",
-                        next_step=f"Convert it to {SI[position]}, or name the unit in the header.",
+                        next_step=f"Convert it to {SI[position]}, or state the unit in the header.",
                     )
 
 
@@ -181,7 +182,7 @@ def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
         wild |= _beyond(command, lower[j], upper[j]) > COMMAND_EXCESS
     if not wild.any() or wild.mean() > RARE:
         return log
-    return log.take(~wild).repaired(f"{wild.sum()} rows with a single wild command were dropped.")
+    return log.take(~wild).repaired(f"{wild.sum()} rows with a single outlier command were dropped.")
 
 
 def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float, stated: str) -> Log:
@@ -199,7 +200,8 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
         )
     if not channel.acts_on and np.isfinite(upper) and (values >= lower + AT_LIMIT * (upper - lower)).all():
         raise DataError(
-            f"the command of {channel.parts[j]} is at its limit throughout: it says nothing of the motion",
+            f"the command of {channel.parts[j]} is always at its limit, so it contains no information on "
+            "the motion",
             where=where,
             next_step="Run it with less payload, a fuller battery, or gentler limits.",
         )
@@ -219,4 +221,4 @@ def _unit_advice(column: str, unit: str, excess: float, stated: str) -> str:
     # inside the limit in thousandths, and above any overload
     if excess * 1e-3 <= 1.0 and excess > 30.0:
         return f"It looks like a thousandth of the unit: convert it to {unit}."
-    return f"Is it in {unit}? State the unit in the header, or correct the limit in the robot file."
+    return f"If it is in {unit}, state the unit in the header; else correct the limit in the robot file."

@@ -110,7 +110,7 @@ def clean_log(
         raise DataError(
             f"only {len(log)} usable rows; a log needs at least {LEAST_ROWS}. {ending(log)}".rstrip(" ."),
             where=log.source,
-            next_step="Was the recording cut? Export it again.",
+            next_step="If the recording was truncated, export it again.",
         )
     log = note_pauses(log)
     log = _consistent(log) if settle is None else settle(log)
@@ -149,7 +149,7 @@ def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, Stated]:
     return replace(log, channels=present, values=values), {c.name: c.units for c in present.values()}
 
 
-OTHER = "Tell a log of this robot."
+OTHER = "Ingest a log of this robot."
 
 
 def _in_order(log: Log, channel: Channel) -> Array:
@@ -157,8 +157,8 @@ def _in_order(log: Log, channel: Channel) -> Array:
     parts = log.channels[channel.name].parts
     if set(parts) != set(channel.parts):
         raise DataError(
-            f"the log has {', '.join(parts)} in its channel {channel.name}, "
-            f"the robot {', '.join(channel.parts)}",
+            f"the log has {', '.join(parts)} in its channel {channel.name}, but the robot has "
+            f"{', '.join(channel.parts)}",
             where=log.source,
             next_step=OTHER,
         )
@@ -208,7 +208,7 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
         _check_families(matching, raw, channels, where)
         return matching
     except DataError as error:
-        read = f" What was read: {' '.join(raw.repairs)}" if raw.repairs else ""
+        read = f" Columns read: {' '.join(raw.repairs)}" if raw.repairs else ""
         raise DataError(error.fact, where=error.where, next_step=error.next_step + read) from None
 
 

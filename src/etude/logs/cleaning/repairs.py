@@ -81,7 +81,7 @@ def order_rows(log: Log) -> Log:
     """
     if len(log) > 1 and (np.diff(log.t) < 0).mean() > 1.0 - LARGEST_LOSS / 2:
         log = log.take(np.arange(len(log))[::-1])
-        log = log.repaired("By their times the rows stood from last to first, and were turned round.")
+        log = log.repaired("The times were in decreasing order, so the order of the rows was reversed.")
     log = _without_repeats(log)
     if len(log.t) < 2:
         raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
@@ -93,7 +93,9 @@ def order_rows(log: Log) -> Log:
     if lost > LARGEST_LOSS / 2 * len(log.t):
         back = int(np.argmin(steps)) + 1
         restart = (steps < 0).sum() <= 3 and steps.min() < -REWIND_SECONDS
-        advice = "Cut the file there, and tell each recording on its own." if restart else "Sort it by time."
+        advice = (
+            "Cut the file there, and ingest each recording separately." if restart else "Sort it by time."
+        )
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
     ordered = log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
@@ -125,7 +127,7 @@ def _without_repeats(log: Log) -> Log:
             f"{(repeats & new).sum()} of {len(log)} rows have the time of the row before and other values: "
             "the times have too few digits",
             where=f"{log.source}, time column",
-            next_step="Export the times with more digits (microseconds), or leave those rows out.",
+            next_step="Export the times with more digits (microseconds), or remove those rows.",
         )
     return log.take(~repeats).repaired(f"{repeats.sum()} rows that repeat the time before were dropped.")
 
@@ -190,7 +192,7 @@ def drop_spikes(log: Log) -> Log:
                 wild[1:-1] |= _wild(q)
     if not wild.any() or wild.sum() > RARE * len(log):
         return log
-    return log.take(~wild).repaired(f"{wild.sum()} rows with a single wild position were dropped.")
+    return log.take(~wild).repaired(f"{wild.sum()} rows with a single outlier position were dropped.")
 
 
 def _wild(q: Array) -> Mask:
@@ -269,8 +271,8 @@ def _jump_sentences(log: Log, channel: Channel, row: int, j: int) -> tuple[str, 
     step = float(q[row + 1] - q[row])
     fact = f"the position jumps by {step:.3g} {unit} at t = {log.t[row]:.3f} s, faster than it can move"
     return fact, (
-        "Is this several recordings in one file, an encoder that was set anew, another robot, or a wrong "
-        "unit? Cut the file there, and tell each part on its own."
+        "Possible causes: several recordings in one file, an encoder reset, another robot, or a wrong "
+        "unit. Cut the file there, and ingest each part separately."
     )
 
 
@@ -301,9 +303,9 @@ def check_commanded(log: Log) -> Log:
         if dead:
             names = ", ".join(channel.parts[j] for j in dead)
             raise DataError(
-                f"the command of {names} is constant although it moved: it was not recorded",
+                f"the command of {names} is constant although the joint moved: it was not recorded",
                 where=log.source,
-                next_step="Log this command, or leave the joint out of the robot file.",
+                next_step="Log this command, or remove the joint from the robot file.",
             )
     return log
 

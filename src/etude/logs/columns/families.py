@@ -78,4 +78,4 @@ def _may_be(header: str, family: str, synonyms: Sequence[str], channel: Channel)
 def answer(channel: Channel, families: Iterable[str]) -> str:
     """The next step: the line to write, and its file."""
     lines = " or ".join(f'{channel.name} = "{family}"' for family in families)
-    return f"Say which one in the table [log.columns] of campaign.toml, once for all logs: {lines}."
+    return f"Name the right one in the table [log.columns] of campaign.toml, once for all logs: {lines}."

@@ -351,7 +351,7 @@ def settle_bare(meanings: HeaderMeanings, channels: dict[str, Channel], where: s
     for header, names in whole.items():
         if len(names) > 1:
             raise DataError(
-                f"column '{header}' may be of the channel {' or '.join(names)}",
+                f"column '{header}' may belong to the channel {' or '.join(names)}",
                 where=where,
                 next_step=f"Name it {' or '.join(f'{name}_{normal(header)}' for name in names)}.",
             )

@@ -34,8 +34,8 @@ NEAR, ALIKE = 3, 0.5
 """Headers that are offered for a part that has none, and how much they must resemble it."""
 OPTIONAL = "optional"
 HEAD = """\
-# For the end of campaign.toml, in place of a table [log.columns] that it has. Left: what the column is read
-# as, with its unit in brackets if the file does not state it. Right: its header in the file.
+# For the end of campaign.toml, in place of its table [log.columns]. Left: the quantity of the column,
+# with its unit in brackets if the file does not state it. Right: its header in the file.
 [log.columns]
 """
 
@@ -58,7 +58,9 @@ def _with_times(raw: Log, rate: float) -> Log:
     counted = np.arange(len(raw))
     if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
         return raw
-    sentence = f"The log has no times: by [log] rate, {rate:g} rows a second were taken; pauses are not seen."
+    sentence = (
+        f"The log has no times: its rate is {rate:g} rows a second by [log] rate; pauses are not detected."
+    )
     return replace(raw, t=counted / rate).repaired(sentence)
 
 
@@ -74,7 +76,7 @@ def _rename(raw: Log, config: LogConfig) -> Log:
     missing = [source.header for source in named.values() if source.header not in available]
     if missing:
         hint = did_you_mean(missing[0], available)
-        hint = 'A factor stands first, with a point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
+        hint = 'Write a factor first, with a decimal point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
         raise DataError(
             f"there is no column {missing[0]!r}, which [log.columns] names",
             where=raw.source,
@@ -100,7 +102,7 @@ def _check_unique(named: Mapping[str, _Source], where: str) -> None:
             )
 
 
-AS_NAMED = "The log has none of the headers of [log.columns], and was read by its own."
+AS_NAMED = "The log has none of the headers of [log.columns], so its own headers were used."
 
 
 def _has_column(headers: Collection[str], to: str) -> bool:
@@ -156,7 +158,7 @@ def _check_header(raw: Log) -> None:
         raise DataError(
             f"the file has no header, only {len(raw.values)} columns of numbers",
             where=raw.source,
-            next_step="Say what they are in the table [log.columns] of campaign.toml, as in "
+            next_step="Name them in the table [log.columns] of campaign.toml, as in "
             f'"t" = "{NUMBERED} 1", or add a header row such as t,q_<joint>,tau_<joint>.',
         )
 

@@ -63,7 +63,7 @@ def match_columns(
     used = {column.name for columns in matched.values() for column in columns}
     ignored = tuple(header for header in headers if header not in used)
     if ignored:
-        repairs.append(f"Columns without a meaning here were ignored: {', '.join(ignored)}.")
+        repairs.append(f"Unknown columns were ignored: {', '.join(ignored)}.")
     families = _families(channels, matched, ignored, mapped)
     matched = {c.name: matched[c.name] for c in channels if c.name in matched}
     return Matching(matched, ignored, tuple(repairs), families)
@@ -130,7 +130,7 @@ def _of_channel(
             next_step=_advice(channel, missing[0], meanings.ignored),
         )
     if by_part:
-        repairs.append(f"Channel {channel.name} lacks {', '.join(missing)} and was left out.")
+        repairs.append(f"Channel {channel.name} lacks {', '.join(missing)} and was ignored.")
     return None
 
 
@@ -165,7 +165,7 @@ def _by_number(
             next_step=f"Put the part's name into each header, for example {channel.name}_{channel.parts[0]}.",
         )
     names = ", ".join(numbered[number][0].name for number in numbers)
-    repairs.append(f"Columns {names} were taken for {', '.join(channel.parts)}, in this order.")
+    repairs.append(f"Columns {names} were read as {', '.join(channel.parts)}, in this order.")
     return {part: numbered[number] for part, number in zip(channel.parts, numbers, strict=True)}
 
 
@@ -187,8 +187,7 @@ def _check_single(channel: Channel, by_part: dict[str, list[Column]], where: str
         raise DataError(
             f"columns {' and '.join(double[0])} mean the same thing (channel '{channel.name}')",
             where=where,
-            next_step=f"{which}Remove one of them, rename it, or leave it out: "
-            'ignored = ["header"] in [log].',
+            next_step=f'{which}Remove one of them, rename it, or ignore it: ignored = ["header"] in [log].',
         )
 
 
@@ -210,8 +209,8 @@ def _in_drive_units(
     if changed and len(changed) < len(columns):
         others = [column.name for column in columns if column.name not in changed]
         raise _mixed_units(channel, changed, others, where)
-    advice = "[log.columns] of campaign.toml takes a scale"
-    sentence = f"Commands are taken as they are, in the unit of the drive: {', '.join(changed)}; {advice}."
+    advice = "[log.columns] of campaign.toml accepts a scale"
+    sentence = f"Commands stay in the unit of the drive: {', '.join(changed)}; {advice}."
     return taken, [sentence] if changed else []
 
 
@@ -239,9 +238,9 @@ def _mixed_units(channel: Channel, drive: Sequence[str], others: Sequence[str], 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
     to = f'"{channel.name}_{channel.parts[0]} [{unit}]" = "0.01 * {column.name}"'
     return DataError(
-        f"the column is in {column.written_unit}, and {channel.name} is in {unit}",
+        f"the column is in {column.written_unit}, but {channel.name} is in {unit}",
         where=f"{where}, column '{column.name}'",
-        next_step=f"Say in the table [log.columns] of campaign.toml what one is in {unit}, as in {to}, or "
+        next_step=f"State the scale to {unit} in the table [log.columns] of campaign.toml, as in {to}; or "
         f"correct the header or the robot file. {UNITS_TO_USE}",
     )
 
@@ -251,13 +250,16 @@ def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     near = difflib.get_close_matches(f"{channel.name}_{part}", ignored, n=3, cutoff=0.5)
     more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
     others = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
-    hint = f" Is {' or '.join(near)} meant as {channel.name}_{part}?" if near else ""
+    hint = f" Perhaps {' or '.join(near)} means {channel.name}_{part}." if near else ""
     unit = other_unit(channel, ignored)
     unit_advice = (
-        f' {unit[0]} and the like are read if the robot file says command_unit = "{unit[1]}".' if unit else ""
+        f' {unit[0]} and similar units are read if the robot file states command_unit = "{unit[1]}".'
+        if unit
+        else ""
     )
     return (
-        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{others}"
-        f"{unit_advice}{hint} Rename the columns, correct the names in the robot file, or say in "
-        "[log.columns] what they are: etude inspect LOG --robot ROBOT --write-mapping."
+        f"Expected {', '.join(channel.parts)}, in headers such as "
+        f"{', '.join(examples)}.{others}{unit_advice}{hint} Rename the columns, correct the names in the "
+        "robot file, or map the columns in [log.columns]: etude inspect LOG --robot ROBOT "
+        "--write-mapping."
     )

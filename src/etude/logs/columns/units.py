@@ -71,7 +71,7 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
     if sec is not None and nanosec is not None and np.isfinite(raw[sec]).any():
         seconds, nanos = raw[sec][:, 0], raw[nanosec][:, 0]
         # Whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first.
-        first, sentence = np.nanmin(seconds), f"Time is {sec} and {nanosec} together."
+        first, sentence = np.nanmin(seconds), f"Time is the sum of {sec} and {nanosec}."
         counted = [f"Time was counted from {first:.0f} s."] if first else []
         return seconds - first + 1e-9 * nanos, [sentence, *counted]
     plain = [name for name in headers if time_word(normal(split_unit(name)[0])) in TIME_WORDS]
@@ -79,7 +79,11 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
         if not np.array_equal(raw.t, np.arange(len(raw))):
             return raw.t, []
         raise DataError("there is no time column", where=where, next_step=_without_time(list(raw.values)))
-    repairs = [f"Of the time columns {', '.join(plain)} the first was used."] if len(plain) > 1 else []
+    repairs = (
+        [f"There are several time columns ({', '.join(plain)}); the first was used."]
+        if len(plain) > 1
+        else []
+    )
     t, sentences = _seconds(plain[0], raw[plain[0]][:, 0], rate, where)
     return t, [*repairs, *sentences]
 
@@ -90,8 +94,8 @@ def _without_time(headers: list[str]) -> str:
     guess = f"Is it {' or '.join(like[:3])}? " if like else ""
     return (
         f"{guess}Name it one of {', '.join(TIME_WORDS)}, in the file or in the table [log.columns] of "
-        "campaign.toml; if there is none and rows are equally spaced, say in its [log] how many a second: "
-        f"rate = 500. The file has {', '.join(headers[:40])}."
+        "campaign.toml; if there is none and rows are equally spaced, state the rows per second in its "
+        f"[log]: rate = 500. The file has {', '.join(headers[:40])}."
     )
 
 
@@ -121,14 +125,14 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
 
 
 def _check_step(t: Array, factor: float, unit: str, where: str) -> None:
-    """DataError: in the unit that the header states no robot is recorded so."""
+    """DataError: the time step is implausible in the unit that the header states."""
     steps = np.abs(np.diff(t))
     step = factor * float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0 / FASTEST_ROWS
     if not 1.0 / FASTEST_ROWS <= step <= 1.0 / SLOWEST_ROWS:
         raise DataError(
-            f"the times, in {unit} by the header, give a row every {step:.3g} s: no robot is recorded so",
+            f"the times, in {unit} by the header, give a row every {step:.3g} s, which is implausible",
             where=where,
-            next_step="Correct the unit in the header; times of [log.columns] are named with theirs too.",
+            next_step="Correct the unit in the header; [log.columns] can also state the unit of times.",
         )
 
 
@@ -154,12 +158,12 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
         return TIME_UNITS[unit], unit
     fact = f"the time step {step:g} fits no unit at {rate:g} Hz"
     if sixty:
-        fact += f": {'60 times' if off['s'] > 0.0 else 'a 60th of'} what it would be in seconds"
+        fact += f": {'60 times' if off['s'] > 0.0 else 'a 60th of'} the value in seconds"
     header = "t [min]" if sixty and off["s"] < 0.0 else "time_ms, t [s]"
     raise DataError(
         fact,
         where=f"{where}, time column",
-        next_step=f"Name the unit in the header ({header}), or correct the robot's rate.",
+        next_step=f"State the unit in the header ({header}), or correct the robot's rate.",
     )
 
 
@@ -188,7 +192,7 @@ def from_degrees(log: Log, stated: Collection[str] = ()) -> Log:
     believed = [name for name in convertible if name in stated]
     sentences = ["Angles were converted from degrees, as asked."] if len(believed) < len(convertible) else []
     if believed:
-        sentences.append(f"The file states the unit of {', '.join(believed)}, which was believed.")
+        sentences.append(f"The file states the unit of {', '.join(believed)}, and this unit was used.")
     return replace(log, values=values).repaired(*sentences)
 
 
@@ -219,7 +223,8 @@ def _degrees(log: Log, name: str, fact: str) -> DataError:
     return DataError(
         fact,
         where=f"{log.source}, {name}",
-        next_step="State the unit in the header, gyro_x [deg/s] for example, or tell with --degrees.",
+        next_step="State the unit in the header, gyro_x [deg/s] for example, or ingest the log with "
+        "--degrees.",
     )
 
 

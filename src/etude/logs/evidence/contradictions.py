@@ -186,7 +186,7 @@ def contradicting(sources: Sequence[str], odd: int, numbers: Sequence[int], fact
         CONTRADICTS,
         "yellow",
         f"{who}: {fact}. {why}.",
-        f"Tell the logs of one robot, with one load; another one is a campaign of its own. "
+        "Ingest logs of one robot with one load; another robot needs a separate campaign. "
         f"{accepted(CONTRADICTS).capitalize()}.",
         flag=CONTRADICTS,
     )
@@ -199,7 +199,7 @@ def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequ
         return None
     odd, gains = outlier
     joints = f"{int((gains >= LIKELY).sum())} of {len(gains)} joints"
-    fact = f"a model of its own explains the commands of {joints} better (log odds {gains.sum():.0f})"
+    fact = f"a separate model explains the commands of {joints} better (log odds {gains.sum():.0f})"
     return contradicting(sources, odd, range(len(logs)), fact, "No sign, order or delay explains it")
 
 
@@ -403,14 +403,12 @@ def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
         direction = "more" if change.kg > 0.0 else "less"
         fact = f"From a time {when} on, the last link carries {abs(change.kg):.2g} kg {direction}"
     else:
-        fact = (
-            f"From a time {when} on, another model explains the commands of {names}: of another robot or load"
-        )
+        fact = f"From a time {when} on, a model of another robot or load explains the commands of {names}"
     return Doubt(
         CONTRADICTS,
         "yellow",
         f"{fact} (log odds {change.odds:.0f}).",
-        f"Record again, or tell a file with the rows before {a:.3g} s or after {b:.3g} s alone; "
+        f"Record again, or ingest a file with only the rows before {a:.3g} s or after {b:.3g} s; "
         f"{accepted(CONTRADICTS)}.",
         flag=CONTRADICTS,
         spans=(change.span,),

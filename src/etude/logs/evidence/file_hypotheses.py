@@ -57,7 +57,7 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None, limit: 
     if fit is None:
         return ()
     if is_computed(fit):
-        fact = "The commands are those that the model file gives, to 0.2 %: they seem computed, not measured."
+        fact = "The commands agree with the model file to 0.2 %: they seem computed, not measured."
         return (Finding("computed", "yellow", fact, "Log the measured commands, if the robot has them."),)
     # right logs before it would outweigh it
     rows = fit.rows.take(np.flatnonzero(fit.rows.log == len(logs) - 1))
@@ -92,9 +92,9 @@ def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Find
     return Finding(
         REVERSED,
         "yellow",
-        f"If the model file's masses are right, {names} {verb} the other way than in the file: positions and "
-        f"commands are both inverted (log odds {odds:.0f}).",
-        "Turn the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
+        f"If the model file's masses are right, {names} {verb} in the opposite direction to the file: "
+        f"positions and commands are both inverted (log odds {odds:.0f}).",
+        "Invert the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
         f'("-1 * HEADER"); {accepted(REVERSED)}.',
         flag=REVERSED,
     )
@@ -382,7 +382,7 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     best = max(odds, key=lambda scale: odds[scale])
     if odds[best] < CLOCK_ODDS:
         return None
-    fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
+    fact = f"besides gravity, the commands contain about {best**2:g} times the torque of the model file"
     finding = clock_finding(best, f"{fact}, over all joints (log odds {odds[best]:.0f})")
     return replace(finding, light="yellow")
 

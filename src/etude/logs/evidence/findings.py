@@ -51,24 +51,24 @@ def finding_of(
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     """The findings of a silent decision on delay, order and signs."""
     if not decision.moving.any():
-        fact = "Too little motion to tell whose a command is, its sign or its delay."
+        fact = "Too little motion to determine the order, the signs or the delay of the commands."
         return [Finding(COMMANDS, "cannot tell", fact)]
     is_known = np.asarray(decision.sign_odds >= LIKELY)
     unsure = named(parts, ~is_known)
     if not is_known.any():
         fact = "Neither sign of any command explains the motion better."
         signs = Finding(
-            SIGN, "cannot tell", fact, "A longer motion, or a model file with masses, tells more."
+            SIGN, "cannot tell", fact, "A longer motion, or a model file with masses, shows more."
         )
     else:
-        remark = f" Of {unsure} it cannot be told." if unsure else ""
+        remark = f" The sign of {unsure} cannot be determined." if unsure else ""
         signs = Finding(
             SIGN, "green", f"The sign of the commands of {named(parts, is_known)} is right.{remark}"
         )
-    step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
+    step = f"The commands are synchronous with the motion to {1e3 * LEAST_DELAY:.0f} ms."
     delay = Finding(DELAY, "green", step)
     if decision.why == "late":
-        fact = "Whether the commands are before or behind the motion cannot be told: a delay fits as well."
+        fact = "The delay of the commands cannot be determined: another delay fits as well."
         delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
     return [delay, *_order_findings(decision, parts), signs]
 
@@ -80,8 +80,8 @@ def _order_findings(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     if not decision.exchangeable:
         return [Finding(SWAPPED, "green", "No other order of the commands fits better.")]
     names = named(parts, np.isin(np.arange(len(parts)), decision.exchangeable))
-    fact = f"Whether the commands of {names} are exchanged cannot be told."
-    step = f"A model file with masses, or a log with more reversals of {names}, tells more."
+    fact = f"The order of the commands of {names} cannot be determined."
+    step = f"A model file with masses, or a log with more reversals of {names}, shows more."
     return [Finding(SWAPPED, "cannot tell", fact, step)]
 
 
@@ -91,7 +91,7 @@ def _where(decision: Decision, sources: Sequence[str]) -> str:
         return ""
     if len(decision.logs) == len(sources):
         return f" in all {len(sources)} logs"
-    return f" in {', '.join(sources[i] for i in decision.logs)} alone"
+    return f" only in {', '.join(sources[i] for i in decision.logs)}"
 
 
 def _light(decision: Decision) -> Literal["red", "yellow"]:
@@ -116,8 +116,10 @@ def _sign_finding(decision: Decision, parts: Sequence[str], where: str) -> Findi
     turned = np.array(decision.by) < 0.0
     names = named(parts, turned)
     if decision.why == "weight":
-        fact = f"The weight that the model file gives is upside down in the commands of {names}{where}: very "
-        fact += "probably their sign is inverted."
+        fact = (
+            f"The commands of {names}{where} contain the gravity of the model file with the opposite sign: "
+            "very probably their sign is inverted."
+        )
     elif decision.why == "order":
         odds = f"log odds {_rounded(decision.odds)}"
         fact = (
@@ -134,7 +136,7 @@ def _sign_finding(decision: Decision, parts: Sequence[str], where: str) -> Findi
         fact += f" {OTHERS[decision.why]}"
         step = f"{_deciding_step(decision, parts)}; {accepted(SIGN)}."
         return Doubt(SIGN, "yellow", fact, step, SIGN, by=decision.by)
-    step = both(SIGN, f"turn the sign of {names}{where}")
+    step = both(SIGN, f"invert the sign of {names}{where}")
     more = "" if decision.level == "certain" else f" {_deciding_step(decision, parts)}."
     return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
 
@@ -144,7 +146,10 @@ def _position_finding(decision: Decision, parts: Sequence[str], where: str) -> F
     by = np.array(decision.by)
     wrong = np.asarray(by < 0.0 if decision.check == SIGN else by != np.arange(len(by)))
     what = "have the wrong sign" if decision.check == SIGN else "are exchanged"
-    fact = f"The positions of {named(parts, wrong)} {what}{where}, and not their commands, by the model file"
+    fact = (
+        f"The positions of {named(parts, wrong)} {what}{where}, not their commands, according to the "
+        "model file"
+    )
     step = f"Correct the columns of the positions, or the signs of the encoders; {accepted(decision.check)}."
     return Doubt(
         decision.check,
@@ -160,13 +165,13 @@ def _position_note(decision: Decision, names: str) -> str:
     """The note that an error of the positions looks the same, unless a model file decides."""
     if decision.positions <= -CERTAIN:
         return ""
-    return f" A fault of the positions of {names} would look the same."
+    return f" Wrong positions of {names} would look the same."
 
 
 OTHERS = {
     "": "Other signs are nearly as likely, so none is repaired.",
     "time": "Rows that run backwards in time would look the same, so none is repaired.",
-    "order": "Which, cannot be told, so nothing is repaired.",
+    "order": "The data do not show which, so nothing is repaired.",
     "weight": "Masses or the mounting may be wrong in the model file instead, so none is repaired.",
 }
 """Why a sign is not repaired, by `Decision.why`."""
@@ -176,15 +181,15 @@ def _deciding_step(decision: Decision, parts: Sequence[str]) -> str:
     """The next step that decides; a model file is named only where none was used."""
     if decision.why == "time":
         other = "" if decision.positions else ", or a model file with masses,"
-        return f"A log with velocities{other} settles it"
+        return f"A log with velocities{other} decides"
     if decision.why == "weight":
         return "Check the signs at the robot, and masses and mounting in the model file"
     unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.sign_odds) < LIKELY)))
     motion = f" log with more reversals of {unsure}" if unsure else " longer motion"
     return (
-        f"A{motion} tells more"
+        f"A{motion} shows more"
         if decision.positions
-        else f"A model file with masses, or a{motion}, tells more"
+        else f"A model file with masses, or a{motion}, shows more"
     )
 
 
@@ -220,9 +225,11 @@ def _direction_finding(decision: Decision, where: str) -> Finding:
     )
     if not decision.clear:
         fact += " Inverted signs are nearly as likely, so nothing is repaired."
-        step = f"A log with velocities, or a model file with masses, settles it; {accepted(DIRECTION)}."
+        step = f"A log with velocities, or a model file with masses, decides; {accepted(DIRECTION)}."
         return Doubt(DIRECTION, "yellow", fact, step, flag=DIRECTION)
-    return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
+    return Mendable(
+        DIRECTION, _light(decision), fact, both(DIRECTION, "reverse the order of the rows"), flag=DIRECTION
+    )
 
 
 def _delay_finding(decision: Decision, where: str) -> Finding:
@@ -230,9 +237,9 @@ def _delay_finding(decision: Decision, where: str) -> Finding:
     direction = "behind" if late > 0.0 else "ahead of"
     fact = f"The commands are {1e3 * abs(late):.0f} ms {direction} the motion{where} ({_odds(decision)})."
     if decision.level == "note":
-        step = "They are shifted by that when the log is told."
+        step = "Ingestion shifts them by this time."
         return Mendable(DELAY, "yellow", fact, step, by=decision.by)
-    step = both(DELAY, "shift them by that")
+    step = both(DELAY, "shift them by this time")
     return Mendable(DELAY, "yellow", fact, step, flag=DELAY, by=decision.by)
 
 
@@ -241,8 +248,8 @@ def _gravity_finding(decision: Decision) -> Finding:
     return Finding(
         GRAVITY,
         "yellow",
-        f"The commands hold {part:.2f} +- {deviation:.2f} of the model file's gravity over all joints: it "
-        "seems to be taken out already.",
+        f"The commands contain {part:.2f} +- {deviation:.2f} of the model file's gravity over all joints: "
+        "gravity seems to be compensated elsewhere.",
         f"Log the whole command, or check masses and mounting in the model file; {accepted(GRAVITY)}.",
         flag=GRAVITY,
     )
@@ -251,14 +258,14 @@ def _gravity_finding(decision: Decision) -> Finding:
 def _log_description(source: str, log: Log) -> str:
     """As "log 1" or "log 2 (the sign of the commands of elbow was turned, as asked)"."""
     requested = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
-    repaired = [one for one in requested if "taken as it is" not in one.lower()]
+    repaired = [one for one in requested if "used without a repair" not in one.lower()]
     return f"{source} ({'; '.join(repaired)})" if repaired else source
 
 
 def _without_partial_repair(finding: Finding, learned: Sequence[str]) -> Finding:
     """The finding on logs that were learned before: Étude repairs all of them or none."""
     step = (
-        f"These logs were learned before: {', '.join(learned)}. Exclude them (etude untell FOLDER NUMBER), "
-        f"and tell all logs together with --repair {finding.check}; {accepted(finding.check)}."
+        f"These logs are already learned: {', '.join(learned)}. Remove them (etude untell FOLDER NUMBER), "
+        f"and ingest all logs together with --repair {finding.check}; {accepted(finding.check)}."
     )
     return replace(finding, step=step)

@@ -39,7 +39,7 @@ from etude.types import Array, Index, Log
 STORAGES = (".db3", ".mcap")
 METADATA = "metadata.yaml"
 ZSTD = b"\x28\xb5\x2f\xfd"
-CUT = "The bag was cut: it has no end, and what was recorded last is missing."
+CUT = "The bag was cut: it has no end, so its last messages are missing."
 LARGEST_RATIO = 1000
 """Of a storage's size to its compressed size."""
 BLOCK = 2**20  # bytes in memory at a time
@@ -86,9 +86,9 @@ def _unpacked(path: Path, folder: Path) -> Path:
     target = folder / path.stem
     if target.suffix not in STORAGES:
         raise DataError(
-            "this compressed file is not named as a storage of ROS 2",
+            "the name of this compressed file is not that of a ROS 2 storage",
             where=str(path),
-            next_step="Name it as it was recorded, run_0.db3.zstd for example.",
+            next_step="Restore its recorded name, for example run_0.db3.zstd.",
         )
     left = LARGEST_RATIO * path.stat().st_size
     with path.open("rb") as packed, _zstd(path).open(packed, "rb") as source, target.open("wb") as out:
@@ -96,7 +96,9 @@ def _unpacked(path: Path, folder: Path) -> Path:
             left -= len(block)
             if left < 0:
                 raise DataError(
-                    "the compressed file unpacks without end", where=str(path), next_step="Export it again."
+                    "the compressed file has no end when unpacked",
+                    where=str(path),
+                    next_step="Export it again.",
                 )
             out.write(block)
     return target
@@ -352,7 +354,7 @@ def _read_topics(
             except StopIteration:
                 break
             except Exception as problem:  # damage in the middle of a storage: what came before is whole
-                cut = f"The bag was cut or is damaged, and was read as far as that ({_first_line(problem)})."
+                cut = f"The bag was cut or is damaged, and was read up to there ({_first_line(problem)})."
                 break
             if connection.topic in unreadable:
                 continue
@@ -371,7 +373,7 @@ def _read_topics(
             where=str(path),
             next_step="Name another with --topic, or record again.",
         )
-    omitted = tuple(f"Topic {name} was left out: {error.fact}." for name, error in unreadable.items())
+    omitted = tuple(f"Topic {name} was ignored: {error.fact}." for name, error in unreadable.items())
     return [topic for topic in read if topic.columns], (*((cut,) if cut else ()), *omitted)
 
 
@@ -390,10 +392,11 @@ def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Sto
         rows.add(received, stamp_of(message), message_blocks(message, connection.msgtype))
     except Exception as problem:  # of a damaged definition a message may be anything
         raise DataError(
-            f"a message of topic {connection.topic} is not of the type {connection.msgtype} "
-            f"as it is known here ({_first_line(problem)})",
+            f"a message of topic {connection.topic} does not fit the known type {connection.msgtype} "
+            f"({_first_line(problem)})",
             where=str(path),
-            next_step="The bag is damaged, or of another release of ROS: record as MCAP, or convert to CSV.",
+            next_step="The bag is damaged, or from another release of ROS: record as MCAP, or convert to "
+            "CSV.",
         ) from None
 
 
@@ -414,9 +417,9 @@ def _choose_topics(
         if other or (topic.msgtype == leader.msgtype and topic.joints & leader.joints):
             both = f"{_joints(leader)} and {_joints(topic)}"
             raise DataError(
-                f"the bag holds joint states of two robots, or of one twice: {both}",
+                f"the bag holds joint states of two robots, or of one robot twice: {both}",
                 where=str(path),
-                next_step=f"Name the one: --topic {leader.name}, or --topic {topic.name}.",
+                next_step=f"Name one: --topic {leader.name}, or --topic {topic.name}.",
             )
         present = {name for one in chosen for name in one.columns}
         new = {name: column for name, column in topic.columns.items() if name not in present}
@@ -429,7 +432,7 @@ def _choose_topics(
         f"{sentence}; the bag also has {_list(unread)}." if unread else f"{sentence}.",
     )
     if leader.joints and not any(column.startswith("effort") for topic in chosen for column in topic.columns):
-        sentences += ("No effort is in it: the driver did not fill that field.",)
+        sentences += ("It holds no effort: the driver did not fill that field.",)
     return chosen, sentences
 
 
@@ -444,7 +447,7 @@ def _logs(topics: Sequence[Topic], source: str, repairs: tuple[str, ...]) -> dic
     received: list[Index] = [np.array(topic.rows.received, dtype=np.int64) for topic in topics]
     stamps = all((t > 0).all() and t[-1] > t[0] for t in stamped) and _overlap(stamped)
     times = stamped if stamps else received
-    sentence = "Time is that of the messages' headers." if stamps else "Time is when messages were recorded."
+    sentence = "Times are those of the message headers." if stamps else "Times are those of recording."
     start = min(int(t.min()) for t in times)
     logs = {}
     for topic, t in zip(topics, times, strict=True):
@@ -462,7 +465,7 @@ def _unreadable(path: Path, problem: Exception) -> DataError:
     return DataError(
         f"the bag cannot be read ({_first_line(problem)})",
         where=str(path),
-        next_step="It is cut, damaged or another kind of file. `ros2 bag reindex` may repair a folder.",
+        next_step="It is truncated, damaged or another kind of file. `ros2 bag reindex` may repair a folder.",
     )
 
 

@@ -73,7 +73,7 @@ def _clock(match: re.Match[str]) -> float:
     if match["half"]:
         hours = hours % 12 + 12 * (match["half"].lower() == "p")
     if hours > 23 or int(match["min"]) > 59 or _seconds(match["s"]) > 61.0:  # a leap second is a time
-        raise ValueError(f"no time of a day: {match[0]}")
+        raise ValueError(f"not a time of day: {match[0]}")
     return GIGA * ((hours * 60.0 + int(match["min"])) * 60.0 + _seconds(match["s"]))
 
 

@@ -181,8 +181,8 @@ def _nameless(values: int, where: str) -> list[str]:
     joints, left = divmod(values, len(ARRAYS))
     if left:
         raise DataError(
-            f"a message without names of joints has {values} values, which are not position, velocity and "
-            "effort of each",
+            f"a message without names of joints has {values} values, which do not fit position, velocity "
+            "and effort of each joint",
             where=where,
             next_step=f"Add a header row: {','.join(STAMP)}, then position[0],position[1],... and so on.",
         )
@@ -282,7 +282,7 @@ def _header_after_preamble(plain: Sequence[_TextLine], where: str) -> Header | N
             if k and _is_names(plain[k - 1].text, separator, len(names), where):
                 k, line = k - 1, plain[k - 1]  # a row of units, or a second one of names, is below
             names = _cells(line.text, separator, where)
-            sentence = f"{k} line{'s'[: k > 1]} above the header {'were' if k > 1 else 'was'} left out."
+            sentence = f"{k} line{'s'[: k > 1]} above the header {'were' if k > 1 else 'was'} ignored."
             return Header(tuple(names), separator, line.end, (sentence,) if k else ())
     return None
 
@@ -302,7 +302,7 @@ def _with_second_row(header: Header, rows: Sequence[_TextLine], where: str) -> H
         pairs = zip(header.names, units, strict=True)
         names, sentence = (
             [f"{name} [{u}]" if u else name for name, u in pairs],
-            "Units are those of the second row.",
+            "The second row states the units.",
         )
     elif len(set(header.names)) < len(header.names):
         both = zip(header.names, cells, strict=True)
@@ -325,10 +325,10 @@ def _check(header: Header, rows: Sequence[_TextLine], where: str) -> None:
     number = next((name for name in header.names if is_number(name) and not name.lstrip("+-").isdigit()), "")
     if number:
         raise DataError(
-            f"the line that ought to be the header holds a number ({number})",
+            f"the header line holds a number ({number})",
             where=where,
-            next_step="Add a header row such as t,q_<joint>,tau_<joint>; of rows of several kinds, export "
-            "each kind on its own.",
+            next_step="Add a header row such as t,q_<joint>,tau_<joint>; if rows have several kinds, "
+            "export each kind separately.",
         )
     double = sorted({name for name in header.names if header.names.count(name) > 1})
     if double:
@@ -336,9 +336,9 @@ def _check(header: Header, rows: Sequence[_TextLine], where: str) -> None:
     cells = _cells(rows[0].text, header.separator, where) if rows else []
     if len(cells) > len(header.names):
         raise DataError(
-            f"the header names {len(header.names)} columns, and the first row has {len(cells)} cells",
+            f"the header names {len(header.names)} columns, but the first row has {len(cells)} cells",
             where=where,
-            next_step="Name every column in the header, or take out separators at the end of rows.",
+            next_step="Name every column in the header, or remove separators at the end of rows.",
         )
 
 
@@ -365,7 +365,7 @@ def _end_sentences(line: bytes, form: _Form) -> tuple[str, ...]:
         return ()
     if line.count(form.separator.encode()) < len(form.names) - 1:
         return ("The log was cut in the middle of a line, which was dropped.",)
-    return ("The last line has no end (a cut file?) and was dropped.",)
+    return ("The last line is incomplete (a truncated file?) and was dropped.",)
 
 
 def _reason_without_rows(path: Path) -> str:

@@ -124,7 +124,7 @@ def check_whole(head: bytes, path: Path) -> None:
         raise DataError(
             "this is a pointer of Git LFS, not the file itself",
             where=str(path),
-            next_step="Fetch it: git lfs pull, in the folder that was cloned.",
+            next_step="Fetch it with git lfs pull in the cloned folder.",
         )
 
 
@@ -391,7 +391,9 @@ def named_columns(
             rows = _by_name(arrays.names, where)
             for stem, values in arrays.values.items():
                 joint_columns |= {f"{stem}/{name}": _picked(values, at) for name, at in rows.items()}
-            sentences.append(f"Columns {', '.join(arrays.values)} were mapped to joints by the names beside.")
+            sentences.append(
+                f"Columns {', '.join(arrays.values)} were mapped to joints by the names in the same row."
+            )
         used.update(arrays.used)
     return joint_columns, used, tuple(sentences)
 
@@ -404,7 +406,7 @@ def _entries(values: Mapping[str, Array]) -> dict[str, Array]:
 def _list_sentences(arrays: _Arrays) -> list[str]:
     ignored = [header for header in arrays.used if header not in arrays.values]
     sentences = (
-        [f"Columns {', '.join(ignored)} hold lists of no numbers or of many; they were ignored."]
+        [f"Columns {', '.join(ignored)} hold lists without numbers or with too many; they were ignored."]
         if ignored
         else []
     )
@@ -428,7 +430,7 @@ def _by_name(names: Any, where: str) -> dict[str, Any]:
         match = names[:1] == name if constant else names == name
         if (match.sum(axis=1) > 1).any():
             raise DataError(
-                f"the name '{name}' stands twice in one row",
+                f"the name '{name}' occurs twice in one row",
                 where=where,
                 next_step="Export the log again with each joint's name once.",
             )

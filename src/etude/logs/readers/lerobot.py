@@ -54,7 +54,9 @@ class LerobotReader:
         root = path if path.is_dir() else _root(path)
         if root is None:
             raise DataError(
-                "this is no file of a LeRobot dataset", where=str(path), next_step="Name its folder."
+                "this file does not belong to a LeRobot dataset",
+                where=str(path),
+                next_step="Name its folder.",
             )
         files = sorted((root / DATA).rglob("*.parquet")) if path.is_dir() else [path]
         if not files:
@@ -114,7 +116,7 @@ def _requested_episode(episodes: Sequence[int], topics: Sequence[str], path: Pat
         return episodes[0]
     if not topics:
         raise DataError(
-            f"the dataset has {len(episodes)} episodes, and a log is one of them",
+            f"the dataset has {len(episodes)} episodes, but a log is one episode",
             where=str(path),
             next_step=f"Name one: --topic {EPISODE}0; it has {listed}{more}.",
         )
@@ -123,7 +125,7 @@ def _requested_episode(episodes: Sequence[int], topics: Sequence[str], path: Pat
         raise DataError(
             f"the dataset has no episode {', '.join(topics)}",
             where=str(path),
-            next_step=f"It has {listed}{more}; one at a time.",
+            next_step=f"It has {listed}{more}. Name one.",
         )
     return int(number)
 
@@ -137,7 +139,7 @@ def _rows(frame: pl.DataFrame, episode: int) -> pl.DataFrame:
 
 def _log(frame: pl.DataFrame, names: Mapping[str, Sequence[str]], path: Path) -> Log:
     columns: dict[str, Array] = {}
-    sentences = ["This is a LeRobot dataset; the actions are wanted positions."]
+    sentences = ["This is a LeRobot dataset; its actions are desired positions."]
     if "timestamp" in frame.columns:
         columns["timestamp"] = numbers_of(frame["timestamp"])
     for feature, word in FEATURES.items():

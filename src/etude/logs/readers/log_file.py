@@ -79,9 +79,9 @@ def read_log_file(path: Path) -> Log:
         return _log(frame, json.loads(facts[METADATA_KEY]))
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         raise DataError(
-            f"the columns of this cleaned log are not those that its metadata name ({problem})",
+            f"the columns of this cleaned log differ from its metadata ({problem})",
             where=str(path),
-            next_step="The file was changed or damaged; take it from a copy, or tell the log again.",
+            next_step="The file was changed or damaged; restore it from a copy, or ingest the log again.",
         ) from None
 
 
@@ -99,7 +99,7 @@ def _log(frame: pl.DataFrame, facts: Mapping[str, Any]) -> Log:
 def _column(frame: pl.DataFrame, name: str) -> Array:
     values = frame[name]
     if not values.dtype.is_float() or values.null_count():
-        raise ValueError(f"column {name} is not of numbers")
+        raise ValueError(f"column {name} does not hold numbers")
     return np.array(values.to_numpy(), dtype=np.float64)
 
 

@@ -55,7 +55,7 @@ def mat_log(path: Path) -> Log:
     omitted = sorted(name for name, values in columns.items() if len(values) != rows)
     of_length = {name: values for name, values in columns.items() if len(values) == rows}
     of_length = _without_struct(of_length)
-    sentence = f"Variables of another length than {rows} were left out: {', '.join(omitted[:12])}."
+    sentence = f"Variables with another length than {rows} were ignored: {', '.join(omitted[:12])}."
     return raw_log(of_length, path.name, (sentence,) if omitted else ())
 
 
@@ -447,7 +447,7 @@ def _loaded(path: Path) -> Mapping[str, Variable]:
         raise DataError(
             f"the file cannot be read as MAT ({problem})",
             where=str(path),
-            next_step="It is cut or another kind of file; save it again, with '-v7'.",
+            next_step="It is truncated or another kind of file; save it again, with '-v7'.",
         ) from None
 
 

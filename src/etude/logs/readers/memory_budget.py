@@ -89,5 +89,6 @@ def too_large(path: Path) -> DataError:
     return DataError(
         f"the file unpacks to more than {LARGEST / 2**30:.0f} GB",
         where=str(path),
-        next_step="Save fewer variables in it, or cut the log into several files, and tell them one by one.",
+        next_step="Save fewer variables in it, or cut the log into several files, and ingest them one by "
+        "one.",
     )

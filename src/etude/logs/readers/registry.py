@@ -43,7 +43,7 @@ SHEETS = dict.fromkeys((".xlsx", ".xls", ".ods"), "Save the sheet as CSV.")
 INSTEAD: Mapping[str, str] = {
     **PACKED,
     **SHEETS,
-    ".bag": "This is a bag of ROS 1: rosbags-convert --src run.bag --dst run writes it as one of ROS 2.",
+    ".bag": "This is a ROS 1 bag: rosbags-convert --src run.bag --dst run converts it to ROS 2.",
 }
 """Suffix -> what to do with a file that nobody reads."""
 TABLES = (".dat", ".log", ".asc", ".out")
@@ -92,7 +92,7 @@ def file_head(path: Path) -> bytes:
     except (FileNotFoundError, NotADirectoryError):
         fact, step = "there is no such log file", "Check the path."
     except PermissionError:
-        fact, step = "the log file may not be read", "Change its permissions, or its folder's."
+        fact, step = "the log file may not be read", "Change the permissions of the file or its folder."
     except (OSError, ValueError) as problem:
         fact, step = f"the log file cannot be read ({problem})", "Check the path and the disk."
     raise DataError(fact, where=str(path), next_step=step)
@@ -112,17 +112,18 @@ def _reader_of(path: Path, head: bytes) -> str:
     if path.suffix.lower() in TABLES and b"\0" not in head:
         return "csv"
     if path.name == "metadata.yaml":
-        step = "Tell the folder that it lies in."
-        raise DataError("this belongs to a bag", where=str(path), next_step=step)
-    broken_readers = "".join(f"; the reader {name} cannot be asked: {why}" for name, why in broken.items())
+        step = "Name the folder of the bag."
+        raise DataError("this file belongs to a bag", where=str(path), next_step=step)
+    broken_readers = "".join(f"; the reader {name} cannot be loaded: {why}" for name, why in broken.items())
     raise DataError(
         f"there is no reader for '{path.suffix}' files{broken_readers}",
         where=str(path),
         next_step=INSTEAD.get(
             path.suffix.lower(),
-            f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
-            f"by what is in them logs of {', '.join(name for name in brought if name not in broken)}. A "
-            "package with an entry point etude.readers adds a format: docs/plugin_examples.md.",
+            f"Write it as CSV or Parquet, a column for each signal. Known suffixes: {', '.join(READERS)}. "
+            "Known by their content: logs of "
+            f"{', '.join(name for name in brought if name not in broken)}. A package with an entry point "
+            "etude.readers adds a format: docs/plugin_examples.md.",
         ),
     )
 
@@ -250,9 +251,9 @@ def with_rest_reported(log: Log) -> Log:
     cut, seconds = cut_sentences(log), _recorded(log.t)
     if not cut or seconds == 0.0:
         return log
-    left = f"{cut[0]} {seconds:.3g} s of it are left."
+    left = f"{cut[0]} {seconds:.3g} s of it remain."
     if seconds > LONGEST:
-        left = f"{cut[0]} Its times do not tell how much is left."
+        left = f"{cut[0]} Its times do not show how much remains."
     return replace(log, repairs=tuple(left if one == cut[0] else one for one in log.repairs))
 
 
@@ -267,7 +268,7 @@ def _recorded(t: Array) -> float:
 def end_findings(log: Log) -> tuple[Finding, ...]:
     """Findings on the end of a recording; none if no repair says that it was cut."""
     cut = cut_sentences(log)
-    step = "Copy or record it again, if the rest is needed; what is left teaches as it is."
+    step = "Copy or record it again if the rest is needed; the remaining rows can be used."
     return (Finding("end", "yellow", " ".join(cut), step),) if cut else ()
 
 
@@ -331,7 +332,7 @@ def with_index(raw: Log) -> Log:
         if INDEX.fullmatch(normal(name)) and _advances(values[:, 0]):
             channel = replace(raw.channels[name], name="time")
             remaining = raw.without(name)
-            sentence = f"There is no time column; the index ({name}) was taken for it."
+            sentence = f"There is no time column; the index ({name}) was used instead."
             return remaining.put(channel, values).repaired(sentence)
     return raw
 
@@ -363,10 +364,10 @@ def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]
     if not silent.any():
         return silent, ()
     seconds = float(silent.sum() * np.median(np.diff(times)))
-    fact = f"{topic} is silent for {seconds:.3g} s while others go on"
+    fact = f"{topic} is silent for {seconds:.3g} s while others continue"
     if silent.mean() > MOSTLY:
         return np.zeros_like(silent), (f"{fact}: its values in between were interpolated.",)
-    return silent, (f"{fact}: what it would have said there was left out.",)
+    return silent, (f"{fact}: its values there were left out.",)
 
 
 def _silent_rows(times: Array, t: Array) -> Mask:

@@ -86,7 +86,7 @@ class TopicRows:
         self.stamped.append(stamped)
         for word, names, values in blocks:
             if len(set(names)) != len(names):
-                raise ValueError(f"a joint stands twice in one message: {', '.join(map(str, names[:12]))}")
+                raise ValueError(f"a joint occurs twice in one message: {', '.join(map(str, names[:12]))}")
             for name, value in zip(names, values, strict=False):
                 column = self._columns.setdefault(f"{word}/{name}" if name else word, [])
                 column.extend([np.nan] * (row - len(column)))

@@ -17,8 +17,8 @@ from etude.types import Array, Channel, Column, Log
 TIMES = ("t", "time")
 """Names of the instants (n,), s, among arrays by channel and columns of a data frame."""
 BY_THEMSELVES = (
-    "The states carry no times, so each row counted by itself: what friction remembers is left out. "
-    "Give t (n,) in s beside them, or a Log, and the rows are a run."
+    "The states have no times, so each row was treated separately, without the memory of friction. Give "
+    "t (n,) in s with them, or a Log; then the rows are one run."
 )
 
 
@@ -89,8 +89,8 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
     count, t = max(rows.values(), default=0), _times(states)
     if t is not None and (t.shape != (count,) or not np.isfinite(t).all() or bool((np.diff(t) <= 0.0).any())):
         raise UsageError(
-            f"times of shape {t.shape} are not one for each of {count} rows, in order",
-            next_step="Give t (n,) in s, each later than the one before; or leave it out.",
+            f"times of shape {t.shape} do not fit {count} rows in increasing order",
+            next_step="Give t (n,) in s, in increasing order, or leave it out.",
         )
     return Log(np.arange(count, dtype=float) if t is None else t, channels, values)
 
@@ -104,7 +104,7 @@ def _times(states: Any) -> Array | None:
     try:
         return np.asarray(states[name], dtype=float)
     except (TypeError, ValueError):
-        raise UsageError(f"{name} holds what is not a number") from None
+        raise UsageError(f"{name} contains values that are not numbers") from None
 
 
 def followed(inputs: Inputs, log: Log) -> Log:
@@ -143,10 +143,10 @@ def _array(states: Mapping[str, Any], channel: Channel) -> Array:
     try:
         array = np.asarray(states[channel.name], dtype=float)
     except (TypeError, ValueError):
-        raise UsageError(f"{channel.name} holds what is not a number") from None
+        raise UsageError(f"{channel.name} contains values that are not numbers") from None
     if array.ndim != 2 or array.shape[1] != len(channel.parts):
         raise UsageError(
-            f"{channel.name} has shape {array.shape}, wanted {_shape(channel)}",
+            f"{channel.name} has shape {array.shape}, expected {_shape(channel)}",
             next_step="One row per instant, one column per part, in this order.",
         )
     return array

@@ -146,9 +146,9 @@ def _numbers(structure: str, values: Array, samples: Samples) -> Array:
     predicted = np.asarray(values, dtype=float)
     if predicted.shape != samples.command.shape or not np.isfinite(predicted).all():
         raise UsageError(
-            f"the {structure} physics gives no numbers, or shape {predicted.shape} for commands of shape "
-            f"{samples.command.shape}",
-            next_step="Ask whoever wrote the kind of robot.",
+            f"the {structure} physics returned no numbers, or shape {predicted.shape} for commands of "
+            f"shape {samples.command.shape}",
+            next_step="Ask the author of this kind of robot.",
         )
     return predicted
 
@@ -171,7 +171,7 @@ def process_held_out(
             raise UsageError(
                 f"the model {folds.config.process!r} holds out in shapes {held.shape} and {spread.shape}, "
                 f"not {(len(places), len(group))}",
-                next_step="Ask whoever wrote the plug-in; etude.testing.ProcessSuite shows what fails.",
+                next_step="Ask the author of the plug-in; etude.testing.ProcessSuite shows the failure.",
             )
         error[places], variance[places] = factor * (Y[places] - held), factor**2 * spread
     return HeldOut(error, variance, folds.fold)

@@ -172,11 +172,11 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
     use: Mask = np.any(telling, axis=1) if any_of else np.all(telling, axis=1)
     if np.count_nonzero(use) < 2:
         raise DataError(
-            "the axis hardly moves, so nothing of it can be learned",
+            "the axis hardly moves, so it cannot be learned",
             where=", ".join(folds.commands[j] for j in group),
-            next_step="Excite it, or leave it out of the robot."
+            next_step="Move it more, or remove it from the robot."
             if len(outputs) == 1
-            else "Excite all together, or set model.sharing = 'separate'.",
+            else "Move all of them, or set model.sharing = 'separate'.",
         )
     many = config.inducing and np.count_nonzero(use) >= MANY * config.inducing
     most = config.inducing if many and config.process == "exact" else config.points

@@ -149,9 +149,9 @@ def with_jitter(
     diagonal = K.diagonal() + noise_variance
     scale = float(diagonal.mean())
     if not np.isfinite(scale):
-        raise NumericalError("the covariance matrix is not finite", next_step="Look at the hyperparameters.")
+        raise NumericalError("the covariance matrix is not finite", next_step="Check the hyperparameters.")
     if not FIRST_JITTER * scale > 0.0:  # a jitter that is rounded to zero would be raised for ever
-        raise NumericalError("the covariance matrix is zero", next_step="Look at the hyperparameters.")
+        raise NumericalError("the covariance matrix is zero", next_step="Check the hyperparameters.")
     jitter = 0.0
     # 1.001: the last power of ten is tried too, however it is rounded
     while jitter <= 1.001 * LAST_JITTER * scale:

@@ -428,9 +428,9 @@ def memory_kernel(columns: Sequence[Column], commands: tuple[str, ...]) -> Kerne
     rest_columns = own_columns(columns, commands, "rest")
     if not (joint_memory and rest_columns and position):
         raise UsageError(
-            "a kernel of standing joints needs what friction remembers among the inputs",
+            "the kernel of joints at rest needs the memory of friction among the inputs",
             where=f"commands {', '.join(commands)}",
-            next_step="Set data.presliding, or leave the candidate 'standing' out.",
+            next_step="Set data.presliding, or remove the candidate 'standing'.",
         )
     return (
         Linear(memory)

@@ -136,12 +136,12 @@ class PluginKernel(Kernel):
             )
         if not np.isfinite(values).all():  # a training steps back from where this happens
             raise NumericalError(
-                f"{what} of the kernel {self.plugin!r} gives values that are no numbers", next_step=_ASK
+                f"{what} of the kernel {self.plugin!r} returns values that are not numbers", next_step=_ASK
             )
         return values
 
 
-_ASK = "Ask whoever wrote the plug-in; etude.testing.KernelSuite shows what fails."
+_ASK = "Ask the author of the plug-in; etude.testing.KernelSuite shows the failure."
 
 
 def in_parts(kernel: Kernel) -> Kernel:

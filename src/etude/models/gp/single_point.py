@@ -68,7 +68,7 @@ def kernel_terms(kernel: Kernel, theta: Array, inputs: int) -> Terms:
         curved = [part for part, _ in factors if isinstance(part, SquaredExponential)]
         if len(linear) > 1 or len(linear) + len(curved) < len(factors):
             raise UsageError(
-                f"a single point's covariances are not made for {kernel}",
+                f"covariances of a single point are not implemented for {kernel}",
                 next_step="Use the kernel's own value, or squared exponential and linear parts.",
             )
         for part, share in factors:

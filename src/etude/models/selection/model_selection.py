@@ -135,7 +135,7 @@ def select_structures(
         more, broken = beside_default(folds, groups, bases, sources, rng, previous)
     every = candidate_errors(folds, groups, more) if more or config.stacks else []
     selection = _assembled(folds, groups, every, bases["linear"])
-    off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
+    off = stated([f"The candidate {name} is not used: {why}" for name, why in broken.items()])
     return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
 
 
@@ -159,7 +159,7 @@ def _folds(
     samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig, held: Mask | None = None
 ) -> Folds:
     if not len(samples):
-        raise DataError("there is no sample to learn from", next_step="Tell a log first.")
+        raise DataError("there is no sample to learn from", next_step="Ingest a log first.")
     samples = in_order(samples)
     commands = samples.log.channels["command"].parts
     limit = np.asarray(limit, dtype=float)
@@ -175,12 +175,12 @@ def _folds(
         X = np.asarray(inputs.of_log(samples.log), dtype=float)
     except KeyError as error:
         raise DataError(
-            f"the samples lack an input ({error.args[0]})", next_step="Turn that input off, or log it."
+            f"the samples lack an input ({error.args[0]})", next_step="Disable that input, or log it."
         ) from error
     if X.shape != (len(samples), len(inputs.columns)) or not np.isfinite(X).all():
         raise DataError(
-            f"the inputs of {len(samples)} samples are no numbers, or of shape {X.shape}",
-            next_step="Repair the log, or turn the input off that it lacks.",
+            f"the inputs of {len(samples)} samples are not numbers, or have shape {X.shape}",
+            next_step="Repair the log, or disable the missing input.",
         )
     fold = fold_numbers(samples, config.stretch_s)
     scored = scored_samples(samples) if config.stacks else None
@@ -566,7 +566,7 @@ def read_residuals(path: Path) -> CrossValidationResiduals:
         return CrossValidationResiduals(**{**fields, "structure": str(fields["structure"])})
     except DAMAGE as error:
         raise DataError(
-            f"what was held out cannot be read ({error})",
+            f"the held-out scores cannot be read ({error})",
             where=str(path),
-            next_step="Learn the logs again: etude untell the newest one, then tell it.",
+            next_step="Train again: etude untell the newest log, then etude tell it.",
         ) from error

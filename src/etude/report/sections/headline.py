@@ -69,7 +69,7 @@ def tracking_sentence(record: Record, test: Test) -> str:
     count = sum(1 for r in record.state.ingested if r.number <= now.number) or now.number
     start = (
         f"After {_count(count)} ({duration(now.seconds)} of robot time) the robot follows "
-        f"{test_name(test.name)} that it was never trained on with a mean error of {now.text}."
+        f"{test_name(test.name)} that is never used for training with a mean error of {now.text}."
     )
     return " ".join([start, *_comparisons(test, now)])
 
@@ -98,8 +98,8 @@ def _beaten(shown: Baseline, evaluation: Evaluation, now: Evaluation) -> str:
     if shown is not baseline("perfect") or now.mean >= (1.0 - SAME) * evaluation.mean:
         return ""
     return (
-        " What was learned is better than that: an exact inverse answers the planned motion alone, and the "
-        "logs also told of delay and of friction about standstill."
+        " The learned model is better than that: an exact inverse fits only the planned motion, but the "
+        "logs also show delay and stiction."
     )
 
 
@@ -113,14 +113,14 @@ def _relation(other: Evaluation, now: Evaluation) -> str:
     if abs(other.mean - now.mean) <= SAME * now.mean:
         return "about the same"
     if other.mean < now.mean:
-        return "better than what was learned"
+        return "better than the learned model"
     return f"{times(other.mean, now.mean)} as much"
 
 
 def _cards(record: Record, test: Test) -> Html:
     now = test.learned[-1]
     cards = [
-        _card("", duration(robot_seconds(record)), "of robot time in all"),
+        _card("", duration(robot_seconds(record)), "total robot time"),
         _card("c1", now.text, "mean tracking error now"),
     ]
     cards += [_card(shown.style, evaluation.text, shown.card) for shown, evaluation in _baselines(test)]
@@ -135,13 +135,13 @@ def _untrained(record: Record) -> Html:
     proposals = [r for r in record.state.rounds.values() if r.asked]
     have = "has" if len(proposals) == 1 else "have"
     if record.state.ingested:
-        return missing_data("Logs have been told, and no model has been trained from them yet.")
+        return missing_data("Logs were ingested, but no model has been trained on them yet.")
     if proposals:
         return missing_data(
-            f"{_count(len(proposals))} {have} been proposed, and no log has "
-            "come back yet. Run the trajectory on the robot, then `etude tell` with its log."
+            f"{_count(len(proposals))} {have} been proposed, but no log was ingested yet. Run the "
+            "trajectory on the robot, then ingest its log with `etude tell`."
         )
-    return missing_data("Nothing has been asked yet. `etude ask` writes the first trajectory.")
+    return missing_data("There is no trajectory yet. `etude ask` writes the first one.")
 
 
 def _held_out(record: Record, structure: str | None) -> tuple[Array | None, Array | None]:
@@ -160,17 +160,14 @@ def _prequential(record: Record) -> Html:
     seconds = robot_seconds(record)
     count = len(record.state.learned) or len(record.state.ingested)
     logs = f"{count} {'log' if count == 1 else 'logs'} ({duration(seconds)} of robot time)"
-    cards = [_card("", duration(seconds), "of robot time in all")]
+    cards = [_card("", duration(seconds), "total robot time")]
     if error is None:
         sentence = (
-            f"{logs} learned with the model “{name}”. There is no score yet: a model is scored on a log "
-            "before it learns from it, so the first score comes with the second log."
+            f"{logs} learned with the model “{name}”. There is no score yet: a model is scored on each "
+            "log before training on it, so the first score comes with the second log."
         )
         return join([paragraph(sentence, class_="lead"), element("div", *cards, class_="cards")])
-    sentence = (
-        f"After {logs} the model “{name}” {_explained(error)}, in held-out data that it had not learned from "
-        f"({outputs})."
-    )
+    sentence = f"After {logs} the model “{name}” {_explained(error)}in held-out data ({outputs})."
     cards.append(_card("c1", _figure(error), f"held-out nMSE, {outputs}"))
     if linear is not None:
         sentence += f" Linear regression on the same data {_explained(linear)}."

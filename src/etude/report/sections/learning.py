@@ -35,12 +35,12 @@ JOINT_STYLES = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
 
 
 TEXT = (
-    "Mean tracking error on motions that are never trained on, after each trajectory, beside what there is "
-    "without learning. “PD alone” and “PID alone” have no feedforward. “Identified physics” feeds "
-    "forward an identified model; a “perfect model” has the exact inverse dynamics: what it leaves is "
-    "set by noise, delay and stiction. “Analytic” plans with the owner's model of a vehicle, without drag or "
-    "with the exact linear drag, which nobody has outside a simulation. “Learning on line” is the learned "
-    "model that goes on learning during the test."
+    "Mean tracking error on motions that are never used for training, after each trajectory, compared "
+    "with baselines without learning. “PD alone” and “PID alone” have no feedforward. “Identified "
+    "physics” feeds forward an identified model; a “perfect model” has the exact inverse dynamics: its "
+    "remaining error comes from noise, delay and stiction. “Analytic” plans with an analytic vehicle "
+    "model, without drag or with the exact linear drag, which is known only in simulations. “Learning on "
+    "line” is the learned model that continues to learn during the test."
 )
 
 
@@ -139,10 +139,9 @@ def _blocks(record: Record) -> list[Html]:
     blocks = scored[-1].trained.held_out if scored[-1].trained else None
     assert blocks is not None
     text = paragraph(
-        f"Log {scored[-1].number} was cut into {blocks.of} blocks; models that "
-        "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
-        "the command's variance: 0 is perfect, 1 is no better than the mean. Blocks of one log say little of "
-        "another motion, which may err many times as much."
+        f"Log {scored[-1].number} was cut into {blocks.of} blocks; models trained on the other blocks "
+        "were scored on the held-out ones. nMSE is the mean squared error over the command's variance: 0 "
+        "is perfect, 1 is no better than the mean. Errors on other motions may be many times as large."
     )
     rows = [
         [structure_name(structure), float(np.nanmean(v)), *map(float, v)] for structure, v in scores.items()
@@ -153,9 +152,9 @@ def _blocks(record: Record) -> list[Html]:
 
 def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
     text = paragraph(
-        "There is no simulated test of this robot, so each model is scored on each new log "
-        "before it learns from it (nMSE: mean squared error over the command's variance; 1 is no better than "
-        "the mean). GP is the Gaussian process."
+        "This robot has no simulated test, so each model is scored on each new log before training on it "
+        "(nMSE: mean squared error over the command's variance; 1 is no better than the mean). GP is the "
+        "Gaussian process."
     )
     panels = [_joint_scores(record, j, name) for j, name in enumerate(names)]
     last = record.state.trained[-1].trained

@@ -45,11 +45,11 @@ def _newest(record: Record, last: Round) -> list[Html]:
     ]
     rows = [[structure_name(structure), *_structure(last.trained, structure)] for structure in structures]
     names = (f"nMSE {name}" for name in record.outputs)
-    header = ["model", "nMSE, mean", *names, "nMSE with standing joints, mean", "z², mean", "coverage, mean"]
+    header = ["model", "nMSE, mean", *names, "nMSE with joints at rest, mean", "z², mean", "coverage, mean"]
     text = paragraph(
-        f"Scored on log {last.number} before it was learned. nMSE is the mean squared error over the "
-        "variance of the command where its joint moves, beside it where any joint does; lower is better; GP "
-        "is the Gaussian process. In use now: ",
+        f"Scored on log {last.number} before training on it. nMSE is the mean squared error divided by "
+        "the variance of the command, while its joint moves, and in another column while any joint "
+        "moves; lower is better; GP is the Gaussian process. In use now: ",
         element("b", structure_name(chosen)),
         ".",
     )
@@ -61,8 +61,8 @@ Z2 = (0.5, 2.5)
 COVERAGE = 0.85
 """Least coverage that is good enough."""
 UNCALIBRATED = (
-    "too few logs have been held out to say how wrong a new one will be, so the model in use is trusted by "
-    "distance (only where inputs are near those it learned), not by its deviations."
+    "too few logs were held out to estimate the error on a new one. The model in use is therefore used "
+    "only near its training inputs; its deviations are not used."
 )
 
 
@@ -74,10 +74,10 @@ def calibration(record: Record) -> Html:
         newest = _uncalibrated(record) if record.state.trained else []
         return section("calibration", title, *newest, nothing)
     text = paragraph(
-        "The model in use predicts each new log before it learns from it. z² is the mean squared "
-        "error over the predicted variance: 1 is honest, more is too sure of itself, less too "
-        "cautious. Coverage is the share of the commands inside the predicted 95 % interval. The "
-        "bands show what is good enough."
+        "The model in use predicts each new log before training on it. z² is the mean squared error "
+        "divided by the predicted variance: 1 is calibrated, above is overconfident, below is too "
+        "cautious. Coverage is the fraction of the commands inside the predicted 95 % interval. The "
+        "bands show acceptable values."
     )
     sentences = [text, *_uncalibrated(record), paragraph(_verdict(record)), *_early(record)]
     return section("calibration", title, *sentences, grid(_panels(record)))
@@ -157,19 +157,20 @@ def _verdict(record: Record) -> str:
         if not (least <= v <= most and c >= COVERAGE)
     ]
     if not outside:
-        return (
-            "On the newest held-out data every command is inside both bands: the deviations can be relied on."
-        )
+        return "On the newest held-out data every command is inside both bands: the deviations are reliable."
     listed = ", ".join(outside)
-    return f"On the newest held-out data outside a band: {listed}. Take the deviations there with care."
+    return (
+        f"On the newest held-out data these commands are outside a band: {listed}. Their deviations "
+        "are less reliable."
+    )
 
 
 def _by_round(record: Record) -> list[Html]:
     """Every structure of model over the rounds; rings are around the structures in use."""
     text = paragraph(
-        "On the left every model on each new log before learning it; the ring is around the one in use when "
-        "the log came. On the right every model's error on told logs, each left out in turn: from two "
-        "logs on the least chooses the one in use, in the ring; before, physics alone compete."
+        "Left: every model on each new log before training on it; the ring marks the model in use at "
+        "that time. Right: cross-validation error of every model over all ingested logs. From two logs "
+        "on, the least error selects the model in use (ring); before, only physics are compared."
     )
     rounds, unit = record.state.trained, record.unit or "1"
     predicted = {
@@ -186,7 +187,7 @@ def _by_round(record: Record) -> list[Html]:
     }
     panels = [
         _structures(record, "On each new log", "nMSE, mean over commands (1)", predicted, used),
-        _structures(record, "On told logs left out", f"mean error ({unit})", left, chosen),
+        _structures(record, "Cross-validation on ingested logs", f"mean error ({unit})", left, chosen),
     ]
     return [text, grid(panels)]
 
@@ -250,7 +251,7 @@ def uncertainty(record: Record) -> Html:
         )
     data = _learned_motion(record)
     if data is None:
-        nothing = missing_data("No log can be read, so there is no data to show it around.")
+        nothing = missing_data("No log can be read, so there are no data to show.")
         return section("uncertainty", TITLE, nothing)
     try:
         ranges = _ranges(record, data)
@@ -265,10 +266,10 @@ def uncertainty(record: Record) -> Html:
 def _text(record: Record) -> str:
     unit = f" in {record.unit}" if record.unit not in ("", "1") else ""
     return (
-        f"Colour is the predicted standard deviation of a joint's command{unit}: dark where the model is "
-        "sure, bright where it would still learn most, on a scale of each joint's own. White dots "
-        "are the data learned so far. The other joints stand still at the median of the data, so a "
-        "dot may lie on a bright patch: its other joints were elsewhere."
+        f"Colour is the predicted standard deviation of a joint's command{unit}: dark where it is small, "
+        "bright where new data would help most, with a separate scale for each joint. White dots are the "
+        "training data. The other joints are at rest at the median of the data, so a dot may lie on a "
+        "bright patch if its other joints were elsewhere."
     )
 
 

@@ -29,14 +29,14 @@ GHOSTS = 6
 """Poses that are drawn faintly, for who wants or gets no animation."""
 TITLE = "The robot along the motion"
 TEXT = (
-    "The joints and the links between them along the newest trajectory as it was planned, with the path of "
-    "{tips} and its shadow on the floor: sticks, not shapes, from the base, the ring, along the motion."
+    "The joints and the links between them along the newest planned trajectory, with the path of {tips} "
+    "and its shadow on the floor. Links are drawn as sticks; the ring is the base."
 )
 AROUND = (
-    "Around it is what robot.toml names: {names}. A motion may pass before or behind a thing and seem to "
-    "touch it: how near the shapes come is in the trajectory's certificate."
+    "Obstacles from robot.toml: {names}. A motion may pass in front of or behind an obstacle and seem to "
+    "touch it; the distances are in the trajectory's certificate."
 )
-NOTHING = "robot.toml names no floor, box or wall, so none is drawn, and no motion keeps away from any."
+NOTHING = "robot.toml names no floor, box or wall, so none is drawn, and motions avoid none."
 TOO_FAR = "Too far away to be drawn: {names}."
 
 

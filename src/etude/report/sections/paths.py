@@ -29,7 +29,7 @@ from etude.types import Array, Log
 
 NEWEST = 8
 """More training motions than these are not drawn: a page is read, not searched."""
-TITLE = "Where it went, and where the model was unsure"
+TITLE = "Measured paths, and the model's uncertainty along them"
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def paths(record: Record) -> Html:
     except EtudeError as error:
         return section("paths", TITLE, missing_data(f"The deviations could not be predicted: {error}"))
     if not motions:
-        return section("paths", TITLE, missing_data("No log with positions has come back yet."))
+        return section("paths", TITLE, missing_data("No log with positions was ingested yet."))
     left_out = len(record.state.trained) - NEWEST
     omitted = [missing_data(f"The first {left_out} motions are not drawn.")] if left_out > 0 else []
     room = room_of(record.limits, [motion.path for motion in motions])
@@ -111,10 +111,10 @@ def paths(record: Record) -> Html:
 def _text(record: Record) -> str:
     unit = f", {record.unit}" if record.unit not in ("", "1") else ""
     return (
-        "Each path in the robot's room, with its shadow on the floor and a stem every 5 s; the ring is its "
-        f"start. Colour is the deviation (mean over the commands{unit}) that the model "
-        "predicted for this motion before it had learned from it: dark where it was sure, bright where it "
-        "had most to learn. All drawings share one logarithmic scale."
+        "Each path in the robot's room, with its shadow on the floor and a stem every 5 s; the ring is "
+        f"its start. Colour is the deviation (mean over the commands{unit}) that the model predicted for "
+        "this motion before training on it: dark where it is small, bright where new data helped most. "
+        "All drawings share one logarithmic scale."
     )
 
 
@@ -160,7 +160,7 @@ def _scenes(record: Record, motions: list[DrawnMotion], room: SceneBox) -> list[
 def _scene(gone: DrawnMotion, room: SceneBox, ends: tuple[float, float], unit: str) -> Html:
     errors = gone.errors
     if errors is None or errors.path is None:
-        return scene(gone.title, room, [gone.path], note="no model yet when it was run")
+        return scene(gone.title, room, [gone.path], note="no model at the time of the run")
     drawing = scene(gone.title, room, [Path(errors.t, errors.path, shades(errors.spread, ends))])
     mean = f"mean {with_unit(float(errors.spread.mean()), unit, 2)}"
     caption = f'<text class="tick" x="388" y="36" text-anchor="end">{text(mean)}</text>'

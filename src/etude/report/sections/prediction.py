@@ -84,8 +84,8 @@ def _newest_test_run(record: Record) -> tuple[str, ExpectedError] | None:
         model = record.model(run[0].number or 0) if run else None
         if run is not None and model is not None:
             sentence = (
-                f"The newest run of {test_name(test.name)}, after round {run[0].number}, by the model "
-                "in use then, which never learned from it."
+                f"The newest run of {test_name(test.name)}, after round {run[0].number}, by the model in "
+                "use at that time, which was never trained on it."
             )
             return sentence, expected_error(record, model, run[1])
     return None
@@ -98,7 +98,7 @@ def _newest_predicted_log(record: Record) -> tuple[str, ExpectedError] | None:
     model, log = record.model(trained[-2].number), record.log(trained[-1].number)
     if model is None or log is None:
         return None
-    sentence = f"Log {trained[-1].number}, predicted by the model learned from the logs before it."
+    sentence = f"Log {trained[-1].number}, predicted by the model trained on the earlier logs."
     return sentence, expected_error(record, model, log)
 
 
@@ -109,16 +109,16 @@ def prediction(record: Record) -> Html:
     except EtudeError as error:
         return section("prediction", TITLE, missing_data(f"The prediction could not be made: {error}"))
     if newest is None:
-        nothing = missing_data("This needs two logs: one to learn, one to predict.")
+        nothing = missing_data("This needs two logs: one for training, one to predict.")
         return section("prediction", TITLE, nothing)
     which, predicted = newest
     moving = predicted.samples.moving
     inside = (np.abs(predicted.command - predicted.mean) <= Z95 * predicted.deviation)[moving]
     share = 100.0 * float(inside.mean()) if len(inside) else float("nan")
     text = paragraph(
-        f"{which} The band should hold 95 % of the measured commands; here it holds "
-        f"{number(share)} %. On the right the same, less the prediction. Where a joint stands still friction "
-        "makes its command arbitrary, so nothing is predicted there."
+        f"{which} The band should hold 95 % of the measured commands; here it holds {number(share)} %. "
+        "Right: the same minus the prediction. While a joint is at rest, friction makes its command "
+        "arbitrary, so nothing is predicted."
     )
     panels = [
         drawn

@@ -30,17 +30,17 @@ GAINS = ("error before", "error after", "change", "gained per robot minute")
 
 def rounds(record: Record) -> Html:
     """One row per round; without a simulated test only its cost and the model chosen."""
-    title = "What each round cost, and what it bought"
+    title = "Cost and benefit of each round"
     if not record.state.rounds:
-        return section("rounds", title, missing_data("No round has begun."))
+        return section("rounds", title, missing_data("There is no round yet."))
     test = next((test for test in tests(record) if test.learned), None)
     rows = _rows(record, test)
     header = [*COSTS, *(GAINS if test else ()), "model in use"]
     text = paragraph(
-        "Error is the mean tracking error on the first test above; the first round starts from the robot's "
-        "own feedback alone."
+        "Error is the mean tracking error on the first test above; the first round is compared with the "
+        "robot's own feedback alone."
         if test
-        else "This robot has no simulated test; the learning curve above shows what each log was worth."
+        else "This robot has no simulated test; the learning curve above shows the benefit of each log."
     )
     return section("rounds", title, text, table(header, rows))
 
@@ -97,7 +97,7 @@ def _state(entry: Round) -> str:
     if entry.confirms:
         return "confirms, never learned"
     if entry.weighs:
-        return "weighs a load, never learned"
+        return "payload motion, never used for training"
     if entry.learned:
         return "learned" if entry.learned_with is None else f"learned with {entry.learned_with}"
     if entry.untold:
@@ -106,7 +106,7 @@ def _state(entry: Round) -> str:
         return "set aside"
     if entry.awaits_answer:
         return "waits: has the robot changed?"
-    return "told, not learned yet" if entry.ingested else "waiting for its log"
+    return "ingested, not learned yet" if entry.ingested else "waiting for its log"
 
 
 TITLE = "Proof on the robot: without and with the feedforward"
@@ -123,11 +123,11 @@ def confirmation(record: Record) -> Html:
     if not complete:
         return Html("")
     text = paragraph(
-        "Mean absolute tracking errors on a motion that no model was trained on, under the robot's own "
-        "feedback alone and with the commands of the model in use. The forecast is of the axes while they "
-        "move: the part of the command that the model did not claim to know when the motion was written, "
-        "times the error without it, and what stays: the encoder's noise, and at most a lag of "
-        "all axes. Of one that stands nothing is forecast: friction holds what its command leaves over."
+        "Mean absolute tracking errors on a motion that is never used for training, under the robot's "
+        "own feedback alone and with the commands of the model in use. The forecast is for moving axes: "
+        "the error without the feedforward times the unknown part of the command when the motion was "
+        "planned, plus the encoder's noise and at most a lag of all axes. There is no forecast for axes "
+        "at rest, because friction holds them."
     )
     return section("confirmation", TITLE, text, *(_table(one) for one in complete))
 
@@ -154,10 +154,10 @@ def repairs(record: Record) -> Html:
     title = "Repairs made on the logs"
     ingested = record.state.ingested
     if not ingested:
-        return section("repairs", title, missing_data("No log has come back yet."))
+        return section("repairs", title, missing_data("No log was ingested yet."))
     rows = [[f"{r.number}", sentence] for r in ingested if r.ingested for sentence in r.ingested.repairs]
     if not rows:
-        return section("repairs", title, paragraph(f"None: {len(ingested)} logs were used as they came."))
+        return section("repairs", title, paragraph(f"None: {len(ingested)} logs were used without repairs."))
     return section("repairs", title, table(["log", "repair"], rows))
 
 
@@ -166,7 +166,7 @@ def provenance(record: Record) -> Html:
     parts: list[Html] = [table(["what", "value"], _facts(record))]
     if record.notes:
         items = join(element("li", note) for note in record.notes)
-        parts.append(paragraph("Not everything in the folder could be read:") + element("ul", items))  # type: ignore[arg-type]
+        parts.append(paragraph("Some files in the folder could not be read:") + element("ul", items))  # type: ignore[arg-type]
     return section("provenance", "Provenance", *parts, _config(record))
 
 

@@ -14,8 +14,8 @@ from etude.types import Array, Channel, Log
 SIZE, WIDE = (380, 260), (560, 260)  # px
 TITLE = "Desired against actual, feedforward against command"
 TESTED = (
-    "The last test run, after round {number}: a motion that was never trained on, under the robot's own "
-    "feedback with the learned feedforward."
+    "The last test run, after round {number}: a motion that is never used for training, under the "
+    "robot's own feedback with the learned feedforward."
 )
 
 
@@ -33,7 +33,7 @@ def tracking(record: Record) -> Html:
         )
         newest, ingested_log = next(readable, (0, None))
         if ingested_log is None:
-            return section("tracking", TITLE, missing_data("No log that can be read has come back yet."))
+            return section("tracking", TITLE, missing_data("No readable log was ingested yet."))
         heading, log, alone = f"The newest log, number {newest}.", ingested_log, None
     run = TrackedRun(record, log, alone)
     text = paragraph(f"{heading} {run.reading()}")
@@ -61,8 +61,8 @@ class TrackedRun:
         if self.ahead is None or not self.ahead.any():
             return sentence
         return (
-            f"{sentence} Where the feedforward lies on the applied command, the model already knows what "
-            "the motion needs; what is left between them is the feedback's work."
+            f"{sentence} Where the feedforward agrees with the applied command, the model is accurate; "
+            "the difference is the command of the feedback."
         )
 
     def absent(self) -> list[Html]:
@@ -73,8 +73,8 @@ class TrackedRun:
             sentences.append("This log has no separate feedforward; only the applied command is drawn.")
         elif not self.ahead.any():
             sentences.append(
-                "This log was run without a feedforward, as training motions are; the next part shows "
-                "what the model would have given."
+                "This log was run without a feedforward, as training motions are; the next section shows "
+                "the model's commands."
             )
         return [missing_data(sentence) for sentence in sentences]
 

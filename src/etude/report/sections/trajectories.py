@@ -38,15 +38,15 @@ COMMANDED = {"torque": "", "command": "", "torque rate": "/s", "command rate": "
 """Quantities in the commands' unit."""
 FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
 TEXT = (
-    "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
-    "what is proved of the file as written, for every instant and not only at samples, and how far the robot "
-    "may leave it while it tracks."
+    "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table "
+    "shows the proved range of the file, for every instant and not only at samples, and the tracking "
+    "margin."
 )
 
 
 def trajectories(record: Record) -> Html:
     """One folded part per proposed trajectory, the newest open."""
-    title = "Trajectories, their limits and proved margins"
+    title = "Trajectories, their limits and proved ranges"
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     if not numbers:
         return section("trajectories", title, missing_data("No trajectory has been proposed yet."))
@@ -212,7 +212,7 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     parts = [*warnings, *proved]
     unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
     if unverified:
-        parts.append(missing_data(f"Not verified by anyone: {' '.join(unverified)}"))
+        parts.append(missing_data(f"Not verified: {' '.join(unverified)}"))
     return join(parts)
 
 

@@ -154,12 +154,12 @@ class Player(Node):
         PX4 holds the last set-point until it leaves offboard mode (COM_OF_LOSS_T), and it may be far off.
         """
         if self.place is None or not all(map(math.isfinite, self.place)):
-            return "the vehicle does not know its position any more: nothing more is sent, take over"
+            return "the vehicle has lost its position: no more set-points are sent, take over"
         far = self.far(row)
         if not far:
             return ""
         self.send([row[0], *self.place, *[0.0] * 6, row[10]], int(self.now() * 1e6))
-        return f"the vehicle is {far}: it is told to stay where it is, nothing more is sent, take over"
+        return f"the vehicle is {far}: it holds its position, no more set-points are sent, take over"
 
     def far(self, row):
         """How far the vehicle is from its set-point, in words, or nothing if it may be."""
@@ -191,7 +191,7 @@ class Player(Node):
                     "ros2 topic list shows the names"
                 )
             if self.heard[what] is not None and now - self.heard[what] > SILENT:
-                return f"the vehicle's {what} has not been heard for {SILENT:g} s"
+                return f"no {what} of the vehicle has arrived for {SILENT:g} s"
         return ""
 
     def tick(self):
@@ -202,7 +202,7 @@ class Player(Node):
             self.say(now, "waiting for PX4")
             return
         if self.begun is not None and not (self.offboard and self.armed):
-            self.problem = "offboard mode ended: the pilot has the vehicle, nothing more is sent"
+            self.problem = "offboard mode ended: the pilot has the vehicle, no more set-points are sent"
             return
         if self.begun is None:
             if not self.free:

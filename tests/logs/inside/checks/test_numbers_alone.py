@@ -197,7 +197,7 @@ def test_rows_that_are_held_are_dropped(rows: float, velocities: bool) -> None:
     wrong = held(log, rows, *log.values)
     found = one(wrong)
     assert (found.check, found.free, found.flag) == ("held", True, "")
-    assert f"Every row stands {rows:.2g} times: the sensors give " in found.sentence
+    assert f"Every row is repeated {rows:.2g} times: the sensors give " in found.sentence
     mended = repaired(wrong, found)
     assert len(mended) == pytest.approx(len(log) / rows, abs=1)
     assert np.isin(mended["q"], log["q"]).all()
@@ -208,7 +208,7 @@ def test_rest_among_held_rows_changes_nothing() -> None:
     wrong = held(noisy(), 4.0, "q", "qd", "command")
     stand = np.concatenate([np.arange(800), np.full(300, 800), np.arange(800, len(wrong))])
     found = one(replace(wrong.take(stand), t=np.arange(len(stand)) / RATE))
-    assert "stands 4 times" in found.sentence
+    assert "is repeated 4 times" in found.sentence
 
 
 def test_held_rows_are_told_by_the_fast_motion_of_a_coarse_sensor() -> None:
@@ -274,7 +274,7 @@ def test_angles_from_0_to_a_turn_are_put_within_the_limits() -> None:
     assert found.free
     assert not one(wrong.without("qd")).free
     assert found.sentence.startswith("hip: ")
-    assert "; knee: whole turns outside of the limits" in found.sentence
+    assert "; knee: whole turns outside the limits" in found.sentence
     np.testing.assert_allclose(repaired(wrong, found)["q"], right, atol=1e-9)
     assert told(repaired(wrong, found)) == []
 
@@ -324,7 +324,7 @@ def test_unsigned_commands_are_refused_in_a_long_log_and_asked_of_a_short_one() 
     assert (one(wrong).check, one(wrong).light) == ("unsigned", "red")
     brief = next(f for n in range(200, 4000, 20) for f in told(wrong.take(slice(0, n))))
     assert (brief.check, brief.light, brief.flag) == ("unsigned", "yellow", "unsigned")
-    assert " times one comes to zero and turns back (odds " in brief.sentence
+    assert " times (odds " in brief.sentence
     assert "--accept unsigned" in brief.step
     counts = np.round(20.0 * log["command"])
     in_a_bit = changed(log, command=np.where(counts < 0.0, 1024.0 - counts, counts))
@@ -458,7 +458,7 @@ def test_clipped_commands_are_named_with_their_level_and_cut(part: float) -> Non
     log, level = clipped(noisy(), part)
     finding = one(log)
     assert (finding.check, finding.light, finding.flag) == ("clipped", "red", "clipped")
-    assert f"the commands of {NAMES[1]} stand at " in finding.sentence.lower()
+    assert f"the commands of {NAMES[1]} stay at " in finding.sentence.lower()
     assert f"{level:.4g}" in finding.sentence
     left = repaired(log, finding)
     assert told(left) == []

@@ -136,7 +136,7 @@ def test_a_single_wild_position_decides_nothing() -> None:
 
 
 def test_what_nothing_repairs_is_said() -> None:
-    with pytest.raises(UsageError, match="nothing repairs the check 'degrees'"):
+    with pytest.raises(UsageError, match="there is no repair for the check 'degrees'"):
         repaired(moved(), told(in_degrees(moved(), "q"))["degrees"])
 
 
@@ -183,7 +183,7 @@ class Body:
 
 @pytest.mark.parametrize(
     ("factor", "words"),
-    [(1e-3, "kN m"), (1e3, "thousandths of N m"), (1.0 / 120.0, "a gear of about")],
+    [(1e-3, "kN m"), (1e3, "thousandths of N m"), (1.0 / 120.0, "a gear ratio of about")],
 )
 def test_another_unit_of_the_commands_is_named(factor: float, words: str) -> None:
     log = with_command(moved(), factor * moved()["command"])
@@ -198,7 +198,7 @@ def test_percents_of_the_limit_are_named() -> None:
     log = with_command(moved(), 100.0 * moved()["command"] / limit)
     found = judge_unit(log, Body(), limit)  # type: ignore[arg-type]
     assert found is not None
-    assert "percents of the limit" in found.sentence
+    assert "per cent of the limit" in found.sentence
 
 
 def test_the_right_unit_is_green() -> None:
@@ -265,7 +265,7 @@ def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
     log = moved()
     found = judge_motion(replace(log, t=4.0 * log.t), "q", CHANNELS, LIMITS, RATE)[0]
     assert found.light == "red"
-    assert "4 times the slopes of the positions, in every joint alike" in found.sentence
+    assert "4 times the slopes of the positions in every joint" in found.sentence
     assert "a row number" in found.sentence
 
 

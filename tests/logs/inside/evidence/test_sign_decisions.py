@@ -106,11 +106,11 @@ def test_new_logs_are_held_against_those_before() -> None:
     found = decided(*logs, fresh=[1, 2])
     assert (found.check, found.logs) == ("sign", (1, 2))
     # a log that was learned is not put right by a later one
-    told = inverted(moved()).repaired("The sign of the commands of toe was turned, as asked.")
+    told = inverted(moved()).repaired("The sign of the commands of toe was inverted, as asked.")
     found = decided(told, moved(seed=1), fresh=[1])
     old = finding_of(found, NAMES, ["log 1", "b.csv"], [told])
-    assert "log 1 alone" in old.sentence
-    assert "log 1 (the sign of the commands of toe was turned, as asked)" in old.step
+    assert "only in log 1" in old.sentence
+    assert "log 1 (the sign of the commands of toe was inverted, as asked)" in old.step
     assert "etude untell" in old.step
 
 
@@ -166,7 +166,7 @@ def test_an_exchange_is_not_told_of_joints_whose_force_the_place_explains() -> N
     assert lights["friction"][0] == "green"
     assert lights["place"] == (
         "cannot tell",
-        "Whether the commands of knee and toe are exchanged cannot be told.",
+        "The order of the commands of knee and toe cannot be determined.",
     )
 
 
@@ -193,7 +193,7 @@ class Known(JointEvidence):
         known = cls(rows, joints, WhitenedMotion.of(rows, joints), orders=False)
         odds = np.zeros((len(DELAYS), 1))
         parts = (odds + right, odds, odds - 99.0, odds - 99.0, odds - 99.0)
-        known.__dict__["_evidence"] = ColumnEvidence(*parts)
+        known.__dict__["delayed"] = ColumnEvidence(*parts)
         known.__dict__["without_turns"] = cls.told(without_turns) if without_turns else known
         return known
 

@@ -173,7 +173,7 @@ def test_a_bad_method_concerns_its_own_rows(
     (tmp_path / "broken_kernel.py").write_text(BROKEN, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    limit, said = {"nan": ("60", "gives values that are no numbers"), "endless": ("1", "after 1 s")}[name]
+    limit, said = {"nan": ("60", "returns values that are not numbers"), "endless": ("1", "after 1 s")}[name]
     words = ["run", RUN, "--seeds", "1", "--folder", str(folder), "--limit-s", limit]
     _, found, err = answer(capsys, *words, "--method", f"broken_kernel:{name}")
     assert (found["ran"], found["kept"]) == (0, 1), err

@@ -56,19 +56,19 @@ def _usage(plan: Plan, form: CForm) -> str:
 /* {name}: commands of the robot {_plain(plan.name)} from its states, as learned by Etude {__version__}.
    Model (SHA-256 of its file): {form.digest or "none"}
 
-   How to call it, in a loop:
+   Usage in a loop:
 
        {name}_state state;
        {name}_real input[{upper}_INPUTS], command[{upper}_COMMANDS];
        unsigned flags;
        {name}_init(&state);
        for (;;) {{
-           input[{upper}_{states[0].upper()}] = ...;   all of the table below, each in its unit
+           input[{upper}_{states[0].upper()}] = ...;   all inputs of the table below, in their units
            flags = {name}_mean(&state, input, command);
-           ... add command[{upper}_COMMAND_{commands[0].upper()}] ... to what your feedback commands
+           ... add command[{upper}_COMMAND_{commands[0].upper()}] ... to the command of your feedback
        }}
 
-   The states are those of the motion that is asked for, its set-points: nothing measures accelerations well.
+   The states are the set-points of the planned motion, because accelerations cannot be measured well.
 {_state_notes(plan)}   Call it once for each sample, in the order of time{_memory_note(plan)}.
    Compile {name}.c as C99 and link the mathematical library (-lm); nothing else is needed. There is no
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
@@ -82,18 +82,18 @@ def _describe_tables(plan: Plan, form: CForm) -> str:
     upper = plan.name.upper()
     states, commands = parts_in_c(plan)
     return f"""\
-   Inputs, in this order, with the range of the data which the model was trained on. Any other may be asked:
+   Inputs in this order, with their range in the training data. Outside this range:
 {_outside_note(plan, form)}
 {_inputs(plan, states)}
 
-   Commands, in this order, with their limits, to which they are clamped:
+   Commands in this order, with the limits to which they are clamped:
 {_commands(plan, commands)}
 
-   Flags, as bits of what functions return; 0: the answer is as good as the model.
+   Flags, as bits of the return value; 0: no restriction.
      1 {upper}_NOT_A_NUMBER  an input was NaN or infinite: its last good value, or the middle, is used
 {_flags(upper, form)}
      8 {upper}_LIMITED       a command was clamped to its limit
-    16 {upper}_NO_ANSWER     a command was no number; it is 0
+    16 {upper}_NO_ANSWER     a command was not a number; it is 0
    Every command is a finite number, whatever the inputs, with -ffast-math too. */
 """
 
@@ -217,21 +217,21 @@ unsigned {name}_predict({arguments});
 def _outside_note(plan: Plan, form: CForm) -> str:
     """Note on commands outside the training data."""
     if not form.fade:
-        return "   commands are the mean given the data everywhere, whatever that is worth there."
+        return "   commands are the posterior mean, however inaccurate it is there."
     return "\n".join(f"   {line}" for line in wrap(_plain(outside_training_sentence(plan.model)), 100))
 
 
 def _fading_note(form: CForm) -> str:
-    return ", faded by their own deviation" if form.fade else ", the mean given the data"
+    return ", faded by their own deviation" if form.fade else ", the posterior mean"
 
 
 def _flags(upper: str, form: CForm) -> str:
     if form.fade:
         meanings = (
-            ("FAR", "a command is physics alone, or a level: nothing was learned of it there"),
+            ("FAR", "a command is physics alone, or a constant: no training data there"),
             (
                 "UNTRAINED",
-                "a command's deviation is more than twice that of training: outside of what was learned",
+                "a command's deviation is more than twice that of training",
             ),
         )
     else:

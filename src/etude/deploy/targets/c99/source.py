@@ -75,14 +75,15 @@ def source(plan: Plan, form: CForm) -> tuple[str, int]:
         data |= code.variance if form.deviations else {}
     if not finite(data):
         raise NumericalError(
-            "the model holds numbers that are not finite", next_step="Train it again; do not run it."
+            "the model contains numbers that are not finite",
+            next_step="Do not run it. Train the model again.",
         )
     text, size = tables(data, form.single)
     conditions = {"VARIANCE": form.deviations, "SINGLE": form.single}
     bodies = preprocessed("\n".join(code.body for code in plan.codes), conditions)
     answer = _answer(plan, form)
     remainder = f"{bodies}\n{answer}\n{_functions(plan, form)}"
-    head = f"""/* {plan.name}.c: written by a program; {plan.name}.h says how to call it. */
+    head = f"""/* {plan.name}.c: generated; {plan.name}.h describes its use. */
 #include "{plan.name}.h"
 
 #include <math.h>
@@ -378,7 +379,7 @@ def drag_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
     conditions = {"VARIANCE": False, "SINGLE": form.single}
     lean = _template("lean.c", {"NAME": name, "UPPER": name.upper(), "DX": real(dx), "DY": real(dy)})
     remainder = f"{preprocessed(body, conditions)}\n{lean}"
-    head = f"""/* {name}_lean.c: written by a program; {name}_lean.h says how to call it. */
+    head = f"""/* {name}_lean.c: generated; {name}_lean.h describes its use. */
 #include "{name}_lean.h"
 
 #include <math.h>

@@ -38,7 +38,7 @@ LARGEST = 64 * 2**20
 """Bytes of tables beyond which nobody compiles them."""
 
 
-BARE = "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
+BARE = "WARNING: --no-fade: commands are the posterior mean, also outside the training data."
 
 
 def single_member(model: LearnedModel) -> LearnedModel:
@@ -66,9 +66,9 @@ def errors(model: LearnedModel) -> str:
             if candidate.weights[i] and own_errors is not None:
                 by_command[model.commands[j]] = own_errors[i]
     if not by_command:
-        return "its held-out error was not stored with this model; learn a log again"
+        return "its held-out error was not stored with this model; train it again"
     each = ", ".join(f"{name} {float(value):.3g}" for name, value in by_command.items())
-    return f"mean absolute error on motion held out: {each}"
+    return f"mean absolute error on held-out motion: {each}"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def c_files(
     text, tables = source(plan, form)
     if tables > LARGEST:
         raise UsageError(
-            f"the tables take {tables / 2**20:.0f} MiB, more than {LARGEST // 2**20} that are compiled",
+            f"the tables take {tables / 2**20:.0f} MiB, more than the limit of {LARGEST // 2**20} MiB",
             next_step=options_sentence(cheaper_options(plan, form)),
         )
     vectors = golden_vectors(plan, single=form.single, fade=form.fade)
@@ -163,7 +163,7 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
         return Delivered(made.files, sentences, facts)
     name = made.plan.name
     cmake = made.files["CMakeLists.txt"].replace(f" {name}.c)".encode(), f" {name}.c {name}_lean.c)".encode())
-    sentence = f"{name}_lean.h: what to add to accelerations, so that they hold against the learned drag."
+    sentence = f"{name}_lean.h: accelerations to add, to compensate the learned drag."
     return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*sentences, sentence), facts)
 
 
@@ -210,7 +210,9 @@ def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
         _run([cc, *FLAGS, f"{name}_test.c", f"{name}.o", "-lm", "-o", "self_test"], folder)
         match = DEVIATION.search(_run(["./self_test"], folder, good=(0, 1)))
         if match is None:
-            raise EtudeError("the exported model's own test says nothing", next_step="Please report it.")
+            raise EtudeError(
+                "the self-test of the exported model printed no result", next_step="Please report it."
+            )
         return Built(cc, float(match[1]), int(match[2]), max(_code_size(folder / f"{name}.o") - tables, 0))
 
 
@@ -221,12 +223,13 @@ def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
         )
     except subprocess.TimeoutExpired:
         raise EtudeError(
-            f"{command[0]} was not done with the exported model after {LONGEST_S:g} s",
-            next_step="Export again when this machine has less to do, or with --single: fewer tables.",
+            f"{command[0]} did not finish the exported model within {LONGEST_S:g} s",
+            next_step="Export again when this machine has less load, or with --single, which needs fewer "
+            "tables.",
         ) from None
     if done.returncode not in good:
         raise EtudeError(
-            f"{command[0]} does not take the exported model: {done.stderr.strip()[-400:]}",
+            f"{command[0]} cannot compile the exported model: {done.stderr.strip()[-400:]}",
             next_step="Please report it, with the compiler's version.",
         )
     return done.stdout
@@ -273,7 +276,7 @@ def checked_files(
     """
     required = timing.required
     if required is not None and not required > 0.0:
-        raise UsageError(f"a rate is above 0 Hz, not {required}", where="--rate")
+        raise UsageError(f"a rate must be above 0 Hz, not {required}", where="--rate")
     rate = float(required or timing.usual)
     best = single_member(model)
     whole, least = (_seconds(one, form, form.fade) for one in (model, best))
@@ -294,7 +297,7 @@ def checked_files(
     sentences = [*_names(made.plan), _outside(made), *_sizes(made, build), *_times(made, model, rate)]
     if fitted:
         sentences.append(
-            f"All candidates take {1e6 * whole:.0f} us: the best of each command is written alone."
+            f"All candidates take {1e6 * whole:.0f} us: so only the best member of each command is written."
         )
     if alone or fitted:
         sentences += _differences(made, model)
@@ -320,15 +323,16 @@ def _differences(made: Files, model: LearnedModel) -> list[str]:
 def _require_right(build: Built | None, plan: Plan) -> None:
     if build is None:
         raise UsageError(
-            "whether float is right for this model is found with a C compiler, and there is none",
+            "only a test with a C compiler shows whether float is accurate enough, and there is no compiler",
             next_step="apt-get install -y gcc, or export double.",
         )
     most = float_tolerance(plan)
     if build.deviation > most or build.wrong:
         raise UsageError(
-            f"float is wrong for this model: commands differ from Python's by up to {build.deviation:.1e} of "
-            f"their limit on the golden vectors, more than {most:.2g}, a tenth of their noise or 1e-4",
-            next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
+            "float is not accurate enough for this model: commands differ from Python's by up to "
+            f"{build.deviation:.1e} of their limit on the golden vectors, more than {most:.2g}, a tenth "
+            "of their noise or 1e-4",
+            next_step="Export double; or train with more noise (model.noise_floor) or fewer points.",
         )
 
 
@@ -349,7 +353,7 @@ def _rounding(build: Built) -> float:
 def _names(plan: Plan) -> list[str]:
     states, commands = parts_in_c(plan)
     lines = [*renamed(plan.labels, states), *renamed(list(plan.model.commands), commands)]
-    return [f"Names that C does not take: {'; '.join(lines)}."] if lines else []
+    return [f"Names that C does not allow: {'; '.join(lines)}."] if lines else []
 
 
 def _outside(made: Files) -> str:
@@ -370,7 +374,7 @@ def _sizes(made: Files, build: Built | None) -> list[str]:
     ]
 
 
-UNTIMED = "Your core may be faster: without --rate it is written, to be timed there."
+UNTIMED = "Your core may be faster: export without --rate and measure the time there."
 
 
 def _call(made: Files) -> float:
@@ -379,7 +383,7 @@ def _call(made: Files) -> float:
 
 
 def _time_in_words(made: Files) -> str:
-    return f"about {1e6 * _call(made):.0f} us on a core of 1 GHz that does one operation in a cycle"
+    return f"about {1e6 * _call(made):.0f} us on a 1 GHz core with one operation per cycle"
 
 
 def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
@@ -400,14 +404,19 @@ def _what_takes_less(made: Files, model: LearnedModel, rate: float) -> list[str]
     lines, best, form = [], single_member(model), made.form
     if made.plan.averages:
         alone = 1e6 * _seconds(best, form, form.fade)
-        lines.append(f"--single takes the best candidate alone: about {alone:.0f} us; {errors(best)}.")
+        lines.append(f"--single uses only the best member: about {alone:.0f} us; {errors(best)}.")
     if form.fade and not form.variance:
         least, both = 1e6 * made.plan.operations(False) / CLOCK, 1e6 * _seconds(best, form, False)
         also = f", with --single about {both:.0f} us" if made.plan.averages else ""
-        lines.append(f"--no-fade takes about {least:.0f} us{also}; commands outside are then guesses.")
+        lines.append(
+            f"--no-fade takes about {least:.0f} us{also}; commands outside the training data are then "
+            "inaccurate."
+        )
     if form.deviations:
         part = math.ceil(math.sqrt(_call(made) * rate))
-        lines.append(f"Time falls with the square of the points: learn with 1/{part} ({FEWER_POINTS}).")
+        lines.append(
+            f"Time grows with the square of the number of points: train with 1/{part} ({FEWER_POINTS})."
+        )
     return lines
 
 
@@ -422,7 +431,7 @@ def _seconds(model: LearnedModel, form: CForm, fade: bool) -> float:
 
 def _checked(build: Built | None) -> str:
     if build is None:
-        return "Not compiled here: there is no C compiler. Build and run its test where there is one."
+        return "Not compiled here, because there is no C compiler. Build and run its test on another machine."
     return f"Built with {build.compiler}; its test differs from Python by {build.deviation:.1e} of a limit."
 
 

@@ -100,8 +100,9 @@ def _deviation_error(real: str, error: float, in_double: float) -> EtudeError:
     """Why an export is refused: single precision where double is right, else the graph itself."""
     if real == "float" and in_double <= SMALL["double"]:
         return UsageError(
-            f"float is wrong for this model: its graph differs from Python by up to {error:.1e} of a "
-            f"command's limit, more than {SMALL['float']:g}; in double by {in_double:.1e}",
+            "float is not accurate enough for this model: its graph differs from Python by up to "
+            f"{error:.1e} of a command's limit, more than {SMALL['float']:g}; in double by "
+            f"{in_double:.1e}",
             next_step="Export double: --real double.",
         )
     return EtudeError(
@@ -191,8 +192,8 @@ def _describe_graph(
     ]
     if parts.memory:
         sentences.append(
-            f"Input memory (n, {parts.memory}), zeros at the start of a run, then memory_after of the call "
-            f"before: friction remembers the way. Call it at least {parts.rate:g} times a second."
+            f"Input memory (n, {parts.memory}), zeros at the start of a run, then memory_after of the "
+            f"previous call, for friction. Call it at least {parts.rate:g} times a second."
         )
     return (
         *sentences,

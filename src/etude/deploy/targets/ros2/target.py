@@ -21,7 +21,7 @@ from etude.types import Channel, Delivered
 ORDERS = ("position", "velocity", "acceleration")
 PLANNED = "_des"
 EFFORT = "effort"
-OTHER = "Name the hardware's interface that takes them: --set interface=NAME."
+OTHER = "Name the hardware's command interface: --set interface=NAME."
 PLACES = {
     "package.xml": "package.xml",
     "CMakeLists.txt": "CMakeLists.txt",
@@ -67,7 +67,7 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
         place.replace("@PACKAGE@", package): _filled(name, substitutions) for name, place in PLACES.items()
     }
     files |= {_place(name, package): data for name, data in made.files.items() if name != "CMakeLists.txt"}
-    named = f"Package {package}, for ROS 2 Jazzy and later; not for Humble. Its README.md says how to use it."
+    named = f"Package {package}, for ROS 2 Jazzy and later; not for Humble. Its README.md describes its use."
     return Delivered(files, (named, *sentences), {**facts, "package": package})
 
 
@@ -96,7 +96,7 @@ def _order(channel: Channel, channels: Mapping[str, Channel], path: str) -> int:
     while name != path:
         if not name or order == len(ORDERS) - 1:
             raise UsageError(
-                f"the model reads {channel.name}, which no reference of ros2_control tells",
+                f"the model reads {channel.name}, which ros2_control references do not contain",
                 next_step="Train it on position, velocity and acceleration alone, or export --to c.",
             )
         name, order = channels[name].derivative_of, order + 1
@@ -139,7 +139,7 @@ def _substitutions(made: Files, spec: Any, sources: list[int], settings: Ros2Opt
     }
 
 
-_BARE = "Commands are the mean given the data everywhere: exported with --no-fade."
+_BARE = "Commands are the posterior mean everywhere: exported with --no-fade."
 
 
 def _sentence(text: str) -> str:
@@ -148,8 +148,8 @@ def _sentence(text: str) -> str:
 
 def _memory(rate: float) -> str:
     if not rate:
-        return " It remembers nothing: any rate will do."
-    return f" It remembers the way (friction): update it at least {rate:g} times a second."
+        return " It has no memory, so any rate is possible."
+    return f" It has a memory of the motion for friction: update it at least {rate:g} times a second."
 
 
 def _quoted(name: str) -> str:
