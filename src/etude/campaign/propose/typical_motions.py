@@ -170,8 +170,9 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
     from scipy.interpolate import make_interp_spline
 
     lines = [line for line in csv.reader(io.StringIO(data.decode(errors="replace"))) if any(line)]
-    header = [cell.strip() for cell in lines[0]] if lines else []
     columns = ["time", *column_names(channel)]
+    names = dict(zip(("t", *channel.parts), columns, strict=True))  # as `predict` reads them
+    header = [names.get(cell.strip(), cell.strip()) for cell in lines[0]] if lines else []
     missing = [name for name in columns if name not in header]
     if missing:
         raise UsageError(
