@@ -420,10 +420,11 @@ def weight_at(limit: CommandLimit, poses: Array) -> Array:
 
 
 def _with_share(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
-    """The limit with a share (J,) of its deviations, and a sentence on it if that is not all of them."""
-    short = [j for j in range(len(share)) if share[j] < 1.0]
-    if not short:
+    """The limit with a share (J,) of the deviations that it counts, and a sentence if that is not all."""
+    if np.all(share >= 1.0):
         return limit
+    share = share if limit.share is None else limit.share * share
+    short = [j for j in range(len(share)) if share[j] < 1.0]
     parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
     sentence = (
         f"The full {limit.quantity}: only a part of the deviations of {limit.source} is used, {parts}. {why}"

@@ -59,6 +59,18 @@ def test_some_of_a_deviation_counts_always() -> None:
     np.testing.assert_array_equal(credible(vague(1e6), SWING), [1.0, LEAST_BELIEVED])
 
 
+def test_a_run_leaves_no_more_of_a_deviation_than_home_did() -> None:
+    limit, home = vague(6.0), np.array([0.5, 0.5])
+    held = held_at(limit, home)
+    (ran,) = after_run([held], SWING)
+    assert isinstance(ran, CommandLimit)
+    assert held.share is not None
+    assert ran.share is not None
+    np.testing.assert_allclose(ran.share, held.share * credible(held, SWING))
+    assert ran.share[1] < held.share[1] < 1.0
+    assert ran.keeps(SWING)
+
+
 def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     """Of 8 N m gravity takes 4 sin q; a deviation that lasts is the same at all times."""
     limit, home = replace(vague(3.0), lasts=math.inf), np.array([0.5, 0.5])

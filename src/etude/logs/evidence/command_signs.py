@@ -112,7 +112,7 @@ def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decis
     if decision.check == SIGN:
         right, inverted = evidence.without_turns.variant(AS_LOGGED).signs()
         return decision if (inverted >= right)[by < 0.0].all() else None
-    fits = _fits(replace(evidence.without_turns, orders=True))
+    fits = _fits(evidence.without_turns)
     fits = np.take_along_axis(fits, np.searchsorted(evidence.joint_indices, by)[:, None], axis=1)
     return decision if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 

@@ -30,7 +30,7 @@ DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 def delays(evidence: JointEvidence, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = evidence.columns.whole().reshape(len(evidence.joint_indices), -1)[:, : len(DELAYS)]
+    whole = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)
     return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
@@ -73,7 +73,7 @@ def _between(evidence: JointEvidence, best: int) -> tuple[float, float]:
     log evidence is minus half the logarithm of that variance for each row.
     """
     n, near = len(evidence.rows.t), slice(best - 1, best + 2)
-    whole = evidence.columns.whole().reshape(len(evidence.joint_indices), -1)[:, near]
+    whole = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)[:, near]
     left = np.exp(-2.0 / n * (whole - whole[:, 1:2])).mean(axis=0)
     bend = np.polyfit(DELAYS[near], left, 2)
     by = float(np.clip(-0.5 * bend[1] / bend[0], DELAYS[best - 1], DELAYS[best + 1]))

@@ -62,7 +62,7 @@ class JointEvidence:
     """The evidence of moving joints `joint_indices` (m,), computed on demand.
 
     Attributes:
-        orders: whether other orders of the columns are evaluated.
+        orders: whether it is about orders of the columns, and not about delays; both are computed on demand.
     """
 
     rows: FilteredRows
@@ -91,27 +91,36 @@ class JointEvidence:
         )
 
     @cached_property
-    def _evidence(self) -> ColumnEvidence:
-        (m,), d = self.joint_indices.shape, self.rows.command.shape[2]
-        count, every = m if self.orders else 0, np.arange(m)
-        joints = np.concatenate([np.repeat(every, d), np.repeat(every, count)])
-        columns = np.concatenate([np.repeat(every, d), np.tile(every, count)])
-        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * count, AS_LOGGED)])
-        return self.motion.evidence(self.rows.command, joints, columns, variants)
+    def delayed(self) -> ColumnEvidence:
+        """(m len(DELAYS)) of joints with their own columns, at each delay."""
+        every, delays = np.arange(len(self.joint_indices)), np.arange(len(DELAYS))
+        joints = np.repeat(every, len(delays))
+        return self.motion.evidence(self.rows.command, joints, joints, np.tile(delays, len(every)))
 
-    @property
-    def columns(self) -> ColumnEvidence:
-        """(m d) of joints with their own columns, in all variants."""
-        return self._evidence.take(slice(0, len(self.joint_indices) * self.rows.command.shape[2]))
+    @cached_property
+    def _in_step(self) -> ColumnEvidence:
+        """(m m + m g) of joints with all columns as they were logged, and with their own in the g groups."""
+        every = np.arange(len(self.joint_indices))
+        groups = np.arange(len(DELAYS), self.rows.command.shape[2])
+        joints = np.concatenate([np.repeat(every, len(every)), np.repeat(every, len(groups))])
+        columns = np.concatenate([np.tile(every, len(every)), np.repeat(every, len(groups))])
+        variants = np.concatenate([np.full(len(every) ** 2, AS_LOGGED), np.tile(groups, len(every))])
+        return self.motion.evidence(self.rows.command, joints, columns, variants)
 
     @property
     def crossed(self) -> ColumnEvidence:
         """(m m) of joints with all columns, as they were logged."""
-        return self._evidence.take(slice(len(self.joint_indices) * self.rows.command.shape[2], None))
+        return self._in_step.take(slice(0, len(self.joint_indices) ** 2))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
-        return self.columns.take(np.arange(len(self.joint_indices)) * self.rows.command.shape[2] + number)
+        every, m = np.arange(len(self.joint_indices)), len(self.joint_indices)
+        groups = self.rows.command.shape[2] - len(DELAYS)
+        if number >= len(DELAYS):
+            return self._in_step.take(m * m + every * groups + number - len(DELAYS))
+        if number == AS_LOGGED and self.orders:
+            return self._in_step.take(every * (m + 1))
+        return self.delayed.take(every * len(DELAYS) + number)
 
     def over(self, values: Array | Mask, fill: float) -> Array:
         """(k,) of all joints, from those of the moving ones (m,)."""

@@ -193,7 +193,7 @@ class Known(JointEvidence):
         known = cls(rows, joints, WhitenedMotion.of(rows, joints), orders=False)
         odds = np.zeros((len(DELAYS), 1))
         parts = (odds + right, odds, odds - 99.0, odds - 99.0, odds - 99.0)
-        known.__dict__["_evidence"] = ColumnEvidence(*parts)
+        known.__dict__["delayed"] = ColumnEvidence(*parts)
         known.__dict__["without_turns"] = cls.told(without_turns) if without_turns else known
         return known
 
