@@ -265,7 +265,7 @@ class CrazyflieVehicle:
         serial = "".join(f"{int(self._cf.param.get_value(f'cpu.id{i}')):08X}" for i in (0, 1, 2))
         if serial != self.serial.upper():
             raise UsageError(
-                f"at {self.address} is the Crazyflie {serial}, and [driver] says {self.serial}",
+                f"at {self.address} is the Crazyflie {serial}, but [driver] states {self.serial}",
                 where="run.toml",
                 next_step=f'If it is the right one, write serial = "{serial}" under [driver].',
             )

@@ -315,7 +315,7 @@ def test_the_law_of_the_feedback_is_found_in_a_log() -> None:
 @pytest.mark.parametrize(
     ("log", "word"),
     [
-        (log_of_feedback(sign=-1.0), "Turn the sign"),
+        (log_of_feedback(sign=-1.0), "Invert the sign"),
         (log_of_feedback(plan=False), "desired positions"),
         (log_of_feedback(gravity=9.0), "does not follow"),
     ],
