@@ -264,7 +264,7 @@ def reaching_out() -> Trajectory:
         ((60.0, 60.0, 60.0), ""),
         ((60.0, 60.0, 60e3), "slides.*: reach 6e.04 N, .* In another unit"),
         ((60.0, 60e3, 60.0), "apart.*: lift 6e.04 N m, 1e.03 times the nearest"),
-        ((0.05, 60.0, 60.0), "apart.*: turn 0.05 N m"),
+        ((0.05, 60.0, 60.0), "differ much.*: turn 0.05 N m"),
         ((1.0, 60.0, 60.0), ""),
     ],
 )

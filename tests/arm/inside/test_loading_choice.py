@@ -60,7 +60,9 @@ def test_hands_wheels_and_heads_are_held_and_named(more: list[Moving]) -> None:
     assert found.joints == ("a1", "a2", "a3")
     assert set(found.held) == {joint.name for joint in more}
     for joint in more:
-        named = any("Joints are held" in note and f"'{joint.name}' at 0" in note for note in found.notes)
+        named = any(
+            "These joints are fixed" in note and f"'{joint.name}' at 0" in note for note in found.notes
+        )
         assert named == (not joint.leader)
 
 

@@ -221,7 +221,7 @@ def test_what_is_drawn_counts_where_a_moving_part_has_no_collision_shape(urdf: P
     shape = '<collision><origin xyz="0.1 0 0"/><geometry>' + MESH + "</geometry></collision>"
     urdf.write_text(robot().replace(shape, ""))
     loaded = load(urdf)
-    assert any("What is drawn of upper is taken as shape" in note for note in loaded.notes)
+    assert any("The visual geometry of upper is used as shape" in note for note in loaded.notes)
     drawn = f"<visual><geometry>{BOX}</geometry></visual>"
     urdf.write_text(robot().replace(shape, "").replace(drawn, ""))
     assert "the shape of link 'upper': the file has none" in load(urdf).unverified

@@ -92,7 +92,7 @@ def test_a_joint_that_turns_the_other_way_is_named_and_its_columns_are_turned(
     finding = found(path, lab)["reversed"]
     assert (finding.light, finding.flag) == ("yellow", "reversed")
     assert "lift turns in the opposite direction to the file" in finding.sentence
-    with pytest.raises(DataError, match="lift turns the other way"):
+    with pytest.raises(DataError, match="lift turns in the opposite direction"):
         tell(lab, path, foreign=True)
     shutil.copytree(lab.path, tmp_path / "turned")
     lines = [f'"{name}" = "-1 * {name}"' for name in header.split(",")[2:6:3]]

@@ -208,7 +208,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
 def test_force_says_why_and_is_recorded(fresh: Campaign, tmp_path: Path) -> None:
     promote(fresh)
     one_more(fresh, tmp_path, 6)
-    with pytest.raises(UsageError, match="says why"):
+    with pytest.raises(UsageError, match="needs a reason"):
         promote(fresh, force=True)
     found = promote(fresh, force=True, reason="a demonstration")
     assert found.promoted

@@ -102,9 +102,9 @@ def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) 
     assert untell(campaign, first.number, learner=stub_learner)
     found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
     repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]
-    assert [any("was turned, as asked" in s for s in own) for own in repairs] == [True, True]
+    assert [any("was inverted, as asked" in s for s in own) for own in repairs] == [True, True]
     # the newest answer holds for later logs
-    assert any("was turned, as asked" in s for s in told(campaign, paths[2]).repairs)
+    assert any("was inverted, as asked" in s for s in told(campaign, paths[2]).repairs)
 
 
 def test_logs_told_together_are_judged_together(campaign: Campaign, tmp_path: Path) -> None:

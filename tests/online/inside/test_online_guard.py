@@ -147,7 +147,7 @@ def test_a_wrong_sign_costs_nothing_and_the_gain_is_back_after_it(model) -> None
     assert b[during].mean() < 1.1 * a[during].mean()
     assert b[after].mean() < 0.8 * a[after].mean()
     said = [sentence for _, sentence in learning.online.reports]
-    assert sum("drives alone" in sentence for sentence in said) == 1
+    assert sum("is used alone" in sentence for sentence in said) == 1
     assert sum("agreed" in sentence for sentence in said) == 1
 
 

@@ -187,7 +187,7 @@ def test_what_flights_cannot_tell_is_said() -> None:
     bare = [flown(spec, seed).without("body_velocity", "body_acceleration", "altitude") for seed in range(2)]
     less = told(replace(spec, rotors=()), bare)
     assert "does not state the positions of its rotors" in less["centre of mass x"]["known"]
-    assert "position or velocity" in less["rotor drag y"]["known"]
+    assert "neither position nor velocity" in less["rotor drag y"]["known"]
     assert less["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02)
 
 

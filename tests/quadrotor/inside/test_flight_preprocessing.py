@@ -199,7 +199,7 @@ def test_what_one_flight_lacks_all_lack() -> None:
         (lambda log: replace(log, t=np.where(np.arange(300) == 7, np.inf, log.t)), "t contains"),
         (lambda log: log.put(log.channels["rates"], nan_at(log["rates"])), "rates contains NaN"),
         (lambda log: log.put(log.channels["command"], np.full((300, 4), 5.9)), "no command ever changes"),
-        (lambda log: log.put(log.channels["command"], saturated(log["command"])), "saturated throughout"),
+        (lambda log: log.put(log.channels["command"], saturated(log["command"])), "always saturated"),
     ],
 )
 def test_flights_that_teach_nothing_are_refused(change, words: str) -> None:
