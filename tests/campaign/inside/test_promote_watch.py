@@ -184,7 +184,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     (said,) = found.refused
     assert said.code == Refusal.NOT_DECIDED
     assert said.sentence == (
-        "no decision against the model in use, of log 5: 1 segments that neither model was trained on, but "
+        "no decision against the model in use, of log 5: 1 segment that neither model was trained on, but "
         "4 are needed"
     )
     assert main(["promote", str(fresh.path)]) == 3
