@@ -185,6 +185,11 @@ def test_a_parser_error_is_short_and_without_the_help(
     assert named["next_step"] == f"{step} etude {arguments[0]} --help lists the options.".strip()
 
 
+def test_a_wrong_value_is_answered_with_the_help(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, error = run_json(capsys, "simulate", str(lab), "--rounds", "-1")
+    assert (code, error["error"]["next_step"]) == (2, "etude simulate --help says what each option takes.")
+
+
 def test_a_wrong_option_is_answered_with_the_nearest(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, error = run_json(capsys, "ask", str(lab), "--sped", "25")
     assert (code, error["error"]["where"]) == (2, "etude ask")

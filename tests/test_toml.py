@@ -69,7 +69,7 @@ def test_what_is_written_is_read_back_whatever_it_is_called(rows: list, comment:
     ("old", "new", "words"),
     [
         ("rate = 100", "rates = 100", ("unknown key 'rates' [w.toml]", "Did you mean rate?")),
-        ("rate = 100", "", ("missing rate [w.toml]", "state each")),
+        ("rate = 100", "", ("missing rate [w.toml]", "State each")),
         ("size = 3.0", "", ("missing size", "w.toml, joint 'b'")),
         ("size = 3.0", 'size = "3"', ('size takes a number, not "3"', "w.toml, joint 'b' size")),
         ("size = 1", "sizes = 1", ("unknown key 'sizes'", "w.toml [main]", "Valid keys: name, size, unit")),

@@ -191,6 +191,7 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
         raise DataError(
             f"the log has the joints {', '.join(parts)}, but the robot has {', '.join(spec.names)}",
             where=log.source,
+            next_step="Tell a log of this robot.",
         )
     if config.desired and PLAN[0] not in log:
         raise DataError(

@@ -203,7 +203,11 @@ def _verified(folder: Path) -> str:
         changed = [n for n, h in hashes.items() if hashlib.sha256(_read(folder / n)).hexdigest() != h]
         missing = [name for name in (MODEL, SETTINGS) if name not in hashes]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"the list of hashes is damaged ({error})", where=str(folder / HASHES)) from error
+        raise DataError(
+            f"the list of hashes is damaged ({error})",
+            where=str(folder / HASHES),
+            next_step="Export the folder again: etude export FOLDER --to online.",
+        ) from error
     if changed or missing:
         raise DataError(
             f"{', '.join([*changed, *missing])} was changed since the export",

@@ -137,7 +137,7 @@ def test_what_is_mended_is_not_refused_and_is_said_once(right: Path, robot: Path
     path = edited(right, lambda r: np.column_stack([r[:, 0], held(r[:, 1:], 4)]))
     found = inspect(path, robot)
     assert not found.refused
-    assert sum("stands 4 times" in f.sentence for f in found.findings) == 1
+    assert sum("Every row is repeated 4 times" in f.sentence for f in found.findings) == 1
 
 
 def table(path: Path, columns: dict[str, object]) -> Path:
@@ -159,7 +159,7 @@ def flight() -> dict[str, object]:
 def test_without_a_robot_an_orientation_is_no_four_joints(tmp_path: Path) -> None:
     found = inspect(table(tmp_path / "flight.csv", flight()))
     assert not found.refused
-    assert "q0, q1, q2, q3 are an orientation" in found.findings[0].sentence
+    assert "q0, q1, q2, q3 are not joints but an orientation" in found.findings[0].sentence
     arm = {n: 1.01 * v if n[0] == "q" else v for n, v in flight().items()}  # type: ignore[operator]
     assert "q (joint_0" in inspect(table(tmp_path / "arm.csv", arm)).findings[0].sentence
 
@@ -217,8 +217,8 @@ def test_a_log_that_tell_repairs_is_not_taken_as_it_is(
     monkeypatch.setattr("etude.campaign.ingest.inspection.inspect", lambda *_, **__: found)
     assert main(["inspect", str(right), "--robot", str(robot)]) == 0
     said = capsys.readouterr().out
-    assert ("tell would take this log, repaired as said above" in said) == mends
-    assert ("tell would take this log as it is" in said) != mends
+    assert ("tell would ingest this log, with the repairs above" in said) == mends
+    assert ("tell would ingest this log without repairs" in said) != mends
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_motion_that_every_delay_fits_tells_none(right: Path, robot: Path) -> 
 
     slow = edited(right, slowly)
     (found,) = (f for f in inspect(slow, robot).findings if f.check == "delay")
-    assert (found.light, "cannot be told" in found.sentence) == ("cannot tell", True), found
+    assert (found.light, "cannot be determined" in found.sentence) == ("cannot tell", True), found
 
 
 def test_of_a_vehicle_no_delay_of_joints_is_told() -> None:
@@ -271,7 +271,7 @@ def test_the_command_says_draws_and_ends_with_its_code(
 ) -> None:
     picture = tmp_path / "log.svg"
     assert main(["inspect", str(right), "--robot", str(robot), "--picture", str(picture)]) == 0
-    assert "tell would take this log as it is" in capsys.readouterr().out
+    assert "tell would ingest this log without repairs" in capsys.readouterr().out
     assert picture.read_text().startswith("<svg")
     wrong = edited(right, FAULTS["sign"][0])
     assert main(["inspect", str(wrong), "--json"]) == 3
@@ -335,4 +335,4 @@ def test_without_a_robot_nothing_is_promised(right: Path, robot: Path, capsys) -
     assert main(["inspect", str(right)]) == 0
     assert "depends on the robot (--robot)" in capsys.readouterr().out
     assert main(["inspect", str(right), "--robot", str(robot)]) == 0
-    assert "tell would take this log as it is" in capsys.readouterr().out
+    assert "tell would ingest this log without repairs" in capsys.readouterr().out

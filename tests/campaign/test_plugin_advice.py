@@ -80,7 +80,7 @@ def test_a_broken_package_beside_takes_its_own_candidates_and_no_more(
     assert cli.main(["tell", str(campaign.path), str(log)]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "Learned: 1." in said
-    assert "The candidate gip_lin is not used: 'gip_lin' of etude.kernels cannot be loaded" in said
+    assert "The candidate gip_lin is not used: the kernel 'gip_lin' cannot be loaded" in said
     cli.main(["plugins"])
     listed = " ".join(capsys.readouterr().out.split())
     assert "(!) gip_lin of etude.kernels" in listed

@@ -174,7 +174,8 @@ def _guarded(arguments: list[str]) -> int:
         return 2 if exit.code else 0  # tyro has printed the help
     except EtudeError as error:
         where = ", ".join(place for place in (error.where, _in_plugin(error)) if place)
-        return _report(as_json, type(error).__name__, error.fact, where, error.next_step, error.exit_code)
+        step = error.next_step or _usage_step(error, arguments)
+        return _report(as_json, type(error).__name__, error.fact, where, step, error.exit_code)
     except KeyboardInterrupt:
         return _report(as_json, "Interrupted", KEPT, "", "", INTERRUPTED)
     except BrokenPipeError:
@@ -198,6 +199,12 @@ def _report_unexpected(error: Exception, as_json: bool) -> int:
     traceback.print_exception(error)
     fact = f"this is a bug in etude: {type(error).__name__}: {error}"
     return _report(as_json, "Bug", fact, "", "No stored data was lost; please report it.", 1)
+
+
+def _usage_step(error: EtudeError, arguments: Sequence[str]) -> str:
+    """Next step after a wrong value of an option."""
+    is_usage = isinstance(error, UsageError) and arguments
+    return f"etude {arguments[0]} --help says what each option takes." if is_usage else ""
 
 
 def _in_plugin(error: EtudeError) -> str:

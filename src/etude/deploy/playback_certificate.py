@@ -108,8 +108,8 @@ def certify_played(
                 f"the motion is not at rest where its receiver holds a row ({row.where}): "
                 f"{row.proved_upper:.3g} per s or s^2",
                 where=row.axis,
-                next_step="Export it with its approach and return: "
-                "etude ask FOLDER --from home --format NAME.",
+                next_step="Let a motion begin and end at rest. Export a proposal with its approach and "
+                "return: etude ask FOLDER --from home --format NAME.",
             )
         if not slack(row) >= -EXCESS * (row.upper - row.lower):
             raise UnsafeTrajectoryError(

@@ -127,8 +127,8 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     sentences = [f"The tracking error of {' and '.join(without)}."] if without else []
     if assumed:
         sentences.append(
-            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log of such a motion"
-            f"{_under(tracked_rows)} has shown them yet."
+            f"Tracking: no log of such a motion{_under(tracked_rows)} confirms the margins of "
+            f"{' and '.join(assumed)}."
         )
     return tuple(sentences)
 

@@ -45,6 +45,9 @@ def test_a_table_is_a_smooth_task(campaign: Campaign, tmp_path: Path) -> None:
 def test_a_recorded_task_is_only_a_task(campaign: Campaign, tmp_path: Path) -> None:
     rows = np.column_stack([np.arange(8.0), np.zeros((8, 2))])
     (motion,) = load_tasks(table(tmp_path / "t.csv", "time,q_hip,q_knee", rows), campaign.channel("q"))
+    (short,) = load_tasks(table(tmp_path / "short.csv", "t,hip,knee", rows), campaign.channel("q"))
+    t = np.linspace(0.0, motion.duration, 9)
+    np.testing.assert_array_equal(short.motion(t, 1).orders, motion.motion(t, 1).orders)
     for refused in (lambda: motion.bound(0, 1), lambda: motion.slowed(2.0), motion.to_json):
         with pytest.raises(UsageError, match="a recorded motion"):
             refused()

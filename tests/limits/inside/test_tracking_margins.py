@@ -112,7 +112,7 @@ def test_what_is_looked_at_is_not_said() -> None:
     assert TRACKING not in kept
     assert kept[-1] == "More."
     assumed = not_verified(alone, [], [row(margin=0.1, confidence=0.0)])
-    assert "assumed" in assumed[0]
+    assert "no log" in assumed[0]
     assert "velocity" in not_verified(alone, [], [row(margin=0.1), row("velocity")])[0]
     limits = [Looking(COMMANDS), Looking(COLLISIONS, left_out=("Cables.",))]
     found = not_verified(alone, limits, [row()])  # type: ignore[arg-type]

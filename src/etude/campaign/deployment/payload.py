@@ -84,7 +84,11 @@ def payload(
     try:
         load = load_of(used.model, samples, body, apparent_of(campaign, used.model, body))
     except KeyError as error:
-        raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
+        raise DataError(
+            f"the log lacks an input of the model ({error.args[0]})",
+            where=str(log),
+            next_step="Record that column too, as in the logs that the model learned from.",
+        ) from None
     better = ITS_MOTION if _is_weighing_motion(campaign, rows) else MOTION.format(typed(campaign.path))
     sentences = _sentences(load, better)
     return Weighed(used, load, sentences, _written(campaign, used, load, better) if write else None)

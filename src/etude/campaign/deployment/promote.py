@@ -221,7 +221,10 @@ def _errors(model: LearnedModel, samples: Samples, command: Array) -> Array:
     try:
         return np.asarray(command - model.posterior(samples.log)[0])
     except KeyError as error:
-        raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
+        raise DataError(
+            f"the logs lack an input of the model in use ({error.args[0]})",
+            next_step="Tell logs that have that column, as the logs of the model in use have.",
+        ) from error
 
 
 def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], hashes: set[str]) -> list[int]:

@@ -83,7 +83,11 @@ def _identify_recording(
     """The motion of a recording. DataError: it is none of these, or the recording is incomplete."""
     number = evidence.answers(campaign)
     if number is None or number not in numbers:
-        raise DataError("this is not a recording of a whole confirmation motion", where=str(path))
+        raise DataError(
+            "this is not a recording of a whole confirmation motion",
+            where=str(path),
+            next_step="Give recordings of the motion that etude ask --confirm writes, run from start to end.",
+        )
     return number, planned_log(campaign, evidence, log)
 
 

@@ -152,7 +152,9 @@ def load_tasks(path: Path, channel: Channel) -> tuple[Trajectory, ...]:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"the task file cannot be read: {error.strerror}", where=str(path)) from None
+        raise UsageError(
+            f"the task file cannot be read: {error.strerror}", where=str(path), next_step="Check the path."
+        ) from None
     motion = from_json(data) if path.suffix == ".json" else _from_table(data, path, channel)
     axes = motion.motion(np.zeros(1), 1).orders.shape[2]
     if axes != len(channel.parts):
@@ -168,8 +170,9 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
     from scipy.interpolate import make_interp_spline
 
     lines = [line for line in csv.reader(io.StringIO(data.decode(errors="replace"))) if any(line)]
-    header = [cell.strip() for cell in lines[0]] if lines else []
     columns = ["time", *column_names(channel)]
+    names = dict(zip(("t", *channel.parts), columns, strict=True))  # as `predict` reads them
+    header = [names.get(cell.strip(), cell.strip()) for cell in lines[0]] if lines else []
     missing = [name for name in columns if name not in header]
     if missing:
         raise UsageError(
@@ -180,9 +183,15 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
     try:
         rows = np.array([[float(line[header.index(name)]) for name in columns] for line in lines[1:]])
     except (ValueError, IndexError):
-        raise UsageError("a cell of the task table is not a number", where=str(path)) from None
+        raise UsageError(
+            "a cell of the task table is not a number",
+            where=str(path),
+            next_step="Fill it, or leave its row out.",
+        ) from None
     if len(rows) <= SMOOTH or not np.isfinite(rows).all() or not np.all(np.diff(rows[:, 0]) > 0):
         raise UsageError(
-            f"a task needs at least {SMOOTH + 1} finite rows with increasing time", where=str(path)
+            f"a task needs at least {SMOOTH + 1} finite rows with increasing time",
+            where=str(path),
+            next_step="Leave out rows that repeat a time or have an empty cell.",
         )
     return RecordedMotion(rows[:, 0], make_interp_spline(rows[:, 0], rows[:, 1:], k=SMOOTH))

@@ -244,6 +244,7 @@ def align(
         raise DataError(
             f"the log has {log[path].shape[1]} coordinates, the proposal {plan.values.shape[1]}",
             where=log.source,
+            next_step="Tell a log of this robot.",
         )
     measured = log[path] if f"{path}_des" not in log else log[f"{path}_des"]
     whole, refused = _whole(log, measured, plan, path)

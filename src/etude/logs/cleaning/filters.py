@@ -221,7 +221,11 @@ def without_lag(log: Log, lag: float) -> Log:
         return log
     inside = log.t - lag >= log.t[0]
     if not inside.any():
-        raise DataError(f"the log is shorter than a lag of {lag:g} s", where=log.source)
+        raise DataError(
+            f"the log is shorter than a lag of {lag:g} s",
+            where=log.source,
+            next_step="Record a longer motion, or correct the lag.",
+        )
     command = resample(log.t, log["command"], log.t[inside] - lag)
     return log.take(inside).put(log.channels["command"], command)
 
