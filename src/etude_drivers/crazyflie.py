@@ -138,7 +138,7 @@ class CrazyflieVehicle:
         alike = self.address.startswith(("radio:", "usb:")) and (named is None or named[1].upper() == FACTORY)
         if alike and not self.serial:
             raise UsageError(
-                f"{self.address} is the factory address of every Crazyflie, so it identifies no robot",
+                f"any Crazyflie may answer at {self.address}, so this address identifies no robot",
                 where="run.toml",
                 next_step='Write serial = "?" under [driver], and run once with --dry-run, which shows '
                 "the right one.",

@@ -162,7 +162,7 @@ def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
 def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
     close = Moving("r_close", "r3", 0.0, 0.04, slides=True)
     found = [*chain("r1", "r2", "r3"), close, *chain("puck_x", "puck_y")]
-    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Robots"):
+    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Walking"):
         chosen(found)
 
 

@@ -223,7 +223,7 @@ def test_no_flight_other_units_and_too_much_trimming_are_refused() -> None:
     units = replace(log.channels["command"], units=("1",) * 4)
     with pytest.raises(DataError, match="different units"):
         samples([log, log.put(units, log["command"])])
-    with pytest.raises(DataError, match="nothing is left"):
+    with pytest.raises(DataError, match="no rows of the log remain"):
         samples([log], FlightData(first_s=40.0))
     for wrong in ({"lag_s": -1.0}, {"first_s": "auto"}, {"last_s": np.nan}, {"acceleration": "world"}):
         with pytest.raises(UsageError):
