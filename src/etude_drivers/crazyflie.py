@@ -138,7 +138,7 @@ class CrazyflieVehicle:
         alike = self.address.startswith(("radio:", "usb:")) and (named is None or named[1].upper() == FACTORY)
         if alike and not self.serial:
             raise UsageError(
-                f"{self.address} is the factory address of every Crazyflie, so it identifies no robot",
+                f"any Crazyflie may answer at {self.address}, so this address identifies no robot",
                 where="run.toml",
                 next_step='Write serial = "?" under [driver], and run once with --dry-run, which shows '
                 "the right one.",
@@ -265,7 +265,7 @@ class CrazyflieVehicle:
         serial = "".join(f"{int(self._cf.param.get_value(f'cpu.id{i}')):08X}" for i in (0, 1, 2))
         if serial != self.serial.upper():
             raise UsageError(
-                f"at {self.address} is the Crazyflie {serial}, and [driver] says {self.serial}",
+                f"at {self.address} is the Crazyflie {serial}, but [driver] states {self.serial}",
                 where="run.toml",
                 next_step=f'If it is the right one, write serial = "{serial}" under [driver].',
             )

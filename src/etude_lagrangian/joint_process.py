@@ -60,7 +60,7 @@ class JointProcess:
 
     def __post_init__(self) -> None:
         if not self.counts.any():
-            raise DataError("no entry of any command counts", next_step="Record a longer motion.")
+            raise DataError("no entry of any command can be used", next_step="Record a longer motion.")
 
     @property
     def noise_variance(self) -> Array:

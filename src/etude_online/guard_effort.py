@@ -149,17 +149,16 @@ ENOUGH = 0.9
 CLEARLY = 0.5
 """An integral is reported only where its residual is at most that part of the residual without it."""
 
-NOTHING = "nothing is learned on line without."
-SIGN = f"Turn the sign of the logged command, or leave the log out; {NOTHING}"
+NOTHING = "nothing can be learned online."
+SIGN = f"Invert the sign of the logged command, or exclude the log; otherwise {NOTHING}"
 INTEGRAL = (
     "Very probably the controller integrates: with an integral of the error {part:.0f} % are explained "
-    "(gain {gain:.3g} per s). Learning on line judges by a feedback of position and velocity alone: "
-    "take the integral out and record again, or take another target (etude export --to c), which does not "
-    "learn there."
+    "(gain {gain:.3g} per s). Online learning assumes a feedback of position and velocity alone: remove "
+    "the integral and record again, or use another target without online learning (etude export --to c)."
 )
 CONSTANT = (
-    "The command holds a constant beside the feedback ({part:.0f} % are explained with one): an offset of "
-    f"its sensor, or gravity that the controller adds; log it as command_ff. Else {NOTHING}"
+    "The command holds a constant in addition to the feedback ({part:.0f} % are explained with one): "
+    f"an offset of its sensor, or gravity that the controller adds; log it as command_ff. Else {NOTHING}"
 )
 EITHER = (
     "Look at the sign and scale of the logged command; or the controller integrates, or adds what it knows "

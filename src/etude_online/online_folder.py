@@ -133,7 +133,8 @@ def _seconds(half_life: float | str | None) -> float | None:
         return None if half_life is None else float(half_life)
     except ValueError:
         raise UsageError(
-            f"half_life = {half_life!r} is no number of seconds", next_step="--set half_life=30, for example."
+            f"half_life = {half_life!r} is not a number of seconds",
+            next_step="--set half_life=30, for example.",
         ) from None
 
 
@@ -194,10 +195,11 @@ def _certificate(
         "model_sha256": options.model_hash,
         "proved": [
             "every command is finite and within its limits",
-            "no command is further than A from the trained model's, where A is "
-            f"{hedge.AUTHORITY:g} times its own error as the feedback tells it, over the last 2 to 20 s",
-            "over any N decisions in a row (0.1 s, or five ticks) the sum of (error with learning - error "
-            "without) / A is at most 8 + 0.018 N, whatever is learned; errors as the feedback tells them",
+            f"no command is further than A from the trained model's, where A is {hedge.AUTHORITY:g} times "
+            "its own error as estimated from the feedback, over the last 2 to 20 s",
+            "over any N decisions in a row (0.1 s, or five ticks) the sum of (error with learning - "
+            "error without) / A is at most 8 + 0.018 N, whatever is learned; errors as estimated from "
+            "the feedback",
         ],
         "not_proved": [
             "that the tracking error is smaller: the bound is of the feedback's effort, to first order",
@@ -229,7 +231,7 @@ robot.save("tonight.npz")                     # open_online("this folder", "toni
 ```
 
 `measured` holds {measured}, one array each, and states that are measured besides. `t` is in
-seconds; if the clock jumps, learning goes on by a clock of its own. Whatever is measured, the
+seconds; if the clock jumps, learning continues with its own clock. Whatever is measured, the
 command stays finite, within its limits, and near the trained model's (certificate.json).
 `robot.reports()` gives a sentence for each reaction of the guard. `robot.outside(motion)` gives, before a
 run, the share of a plan's rows at which each command is outside of what was trained, as `etude predict` does.

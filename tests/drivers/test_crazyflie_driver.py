@@ -142,9 +142,9 @@ def test_what_has_to_be_armed_is_armed() -> None:
 @pytest.mark.parametrize(
     ("address", "settings", "says"),
     [
-        ("radio://0/80/2M/E7E7E7E7E7", {}, "is the factory address of every Crazyflie"),
-        ("radio://0/80/2M", {}, "names no robot"),
-        ("usb://0", {}, "names no robot"),
+        ("radio://0/80/2M/E7E7E7E7E7", {}, "any Crazyflie may answer at"),
+        ("radio://0/80/2M", {}, "identifies no robot"),
+        ("usb://0", {}, "identifies no robot"),
         ("radio://0/80/2M/E7E7E7E701", {"rate": 40}, "40 Hz is not possible"),
         ("radio://0/80/2M/E7E7E7E701", {"rate": 0}, "0 Hz is not possible"),
         ("radio://0/80/2M/E7E7E7E701", {"motors": ["a"]}, "a Crazyflie has four motors"),

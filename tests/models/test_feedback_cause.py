@@ -77,7 +77,7 @@ def test_an_integral_is_told_with_its_gain(ki: float, clamp: float) -> None:
 
 
 def test_what_is_no_integral_is_not_called_one() -> None:
-    assert advice(put_wrong(driven(0), factor=-1.0)).startswith("Turn the sign")
+    assert advice(put_wrong(driven(0), factor=-1.0)).startswith("Invert the sign")
     assert "holds a constant" in advice(put_wrong(driven(0), offset=60.0))
 
 

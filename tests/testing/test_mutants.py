@@ -115,7 +115,7 @@ def right(output: Any, batch: Any, gain: Any) -> Score:
 CRITERIA: dict[str, Callable[..., Score]] = {
     "gradient in the variances lost": lambda *a: replace(right(*a), variance=None),
     "gradient in the gains halved": lambda *a: replace(right(*a), gain=0.5 * right(*a).gain),
-    "value is no number": lambda *a: replace(right(*a), value=float("nan")),
+    "value is not a number": lambda *a: replace(right(*a), value=float("nan")),
     "value is an array": lambda *a: replace(right(*a), value=np.array([right(*a).value])),
     "value without its sign": lambda *a: replace(right(*a), value=-right(*a).value),
     "gains ignored": lambda output, batch, gain: right(output, batch, np.ones_like(gain)),

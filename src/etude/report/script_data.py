@@ -50,7 +50,7 @@ def script_data(motion: MotionInSpace, record: Record, stream: str) -> str:
         "joints": _joints(record),
         **_distances(motion, unit),
         "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of the least distance allowed",
-        "elsewhere": "told along the whole motion at full speed",
+        "elsewhere": "shown along the whole motion at full speed",
         "stream": stream,
     }
     return json.dumps(facts, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -265,7 +265,7 @@ class DriverSuite:
             assert np.shape(getattr(recording, name)) == (n, J), f"{name} is not (n, J)"
             beside = name == "command" and any(key.startswith("command_") for key in recording.extra)
             values = np.array([*recording.extra.values()]) if beside else getattr(recording, name)
-            assert np.isfinite(values).all(), f"{name} is no number somewhere"
+            assert np.isfinite(values).all(), f"{name} has values that are not numbers"
         assert recording.at.shape == (n,), "at is not (n,)"
         assert recording.identity == player.about().identity, "the recording is of another robot"
         self._require_rest(recording)

@@ -140,7 +140,7 @@ class InputsSuite:
     def test_gains_are_square_roots_of_weights(self) -> None:
         here = self.world
         gains = here.inputs.plan(here.motion(8)).gains
-        assert np.all(np.abs(gains) <= 1.0), "a sample counts at most once"
+        assert np.all(np.abs(gains) <= 1.0), "a sample is used at most once"
         assert gains.shape[1] == len(self.kind.limit(here.spec)), "one gain for each command"
 
 

@@ -269,7 +269,7 @@ class CriterionSuite:
         made, (X, gains) = self.outputs(), self.planned()
         value = self.value(made, X, gains)
         assert isinstance(value, float), f"the value is a {type(value).__name__}, not a float"
-        assert np.isfinite(value), "the value is no number"
+        assert np.isfinite(value), "the value is not a number"
 
     def test_a_stuck_sample_says_nothing(self) -> None:
         made, (X, gains) = self.outputs(), self.planned()

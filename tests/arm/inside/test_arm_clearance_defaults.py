@@ -42,7 +42,7 @@ def test_what_the_robot_file_ignores_and_an_mjcf_excludes() -> None:
     assert not {"upper and hand", "fore and floor"} & {gap.text for gap in found.list}
     excluded = Loaded(PLANAR, {}, NAMES, excluded=(("base#0", "hand#0"),))
     assert "base and hand" not in names(settled(excluded, -LIMIT, LIMIT, FLOOR))
-    with pytest.raises(UsageError, match="nothing is called claw"):
+    with pytest.raises(UsageError, match="no link or obstacle is called claw"):
         planar(Surroundings(collision=Collision(ignore=(("claw", "upper"),))))
 
 

@@ -205,7 +205,7 @@ def test_the_certificate_names_them_and_says_by_how_much(tmp_path: Path) -> None
     most = 1e3 * max(shape.thickness for shape in limit.gaps.skeleton.shapes)
     up_to = float(said.split(" mm")[0].split()[-1])
     assert most <= up_to < most + 0.1
-    assert "of world, fore, hand, of" in said, "as MuJoCo calls the base"
+    assert "of world, fore, hand, with" in said, "as MuJoCo calls the base"
 
 
 def test_without_stand_ins_nothing_is_said() -> None:

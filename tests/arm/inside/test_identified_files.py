@@ -205,7 +205,7 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     assert rows["right", "Ixy"]["known"] == "from the file"
     assert max(row["share"] for row in rows.values()) > 0.75
     assert "partly" in {row["known"] for row in rows.values()}
-    assert any("Error on segments left out" in sentence for sentence in delivered.said)
+    assert any("Error on held-out segments" in sentence for sentence in delivered.said)
     assert not any("do not use" in sentence for sentence in delivered.said)
     with pytest.raises(UsageError, match="motors' constants"):
         URDF(None, KIND, replace(spec, command_unit="A"), given(samples))
@@ -215,7 +215,7 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
         URDF(None, KIND, spec, given(samples) | {"real": "float"})
     same = told(spec, spec.model_file, FRICTION)
     again = URDF(None, KIND, spec, given(same))
-    assert any("predict as well" in sentence for sentence in again.said)
+    assert any("predict equally well" in sentence for sentence in again.said)
     assert found.measured == delivered.facts["told"] <= found.shown
 
 

@@ -60,7 +60,9 @@ def test_hands_wheels_and_heads_are_held_and_named(more: list[Moving]) -> None:
     assert found.joints == ("a1", "a2", "a3")
     assert set(found.held) == {joint.name for joint in more}
     for joint in more:
-        named = any("Joints are held" in note and f"'{joint.name}' at 0" in note for note in found.notes)
+        named = any(
+            "These joints are fixed" in note and f"'{joint.name}' at 0" in note for note in found.notes
+        )
         assert named == (not joint.leader)
 
 
@@ -160,7 +162,7 @@ def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
 def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
     close = Moving("r_close", "r3", 0.0, 0.04, slides=True)
     found = [*chain("r1", "r2", "r3"), close, *chain("puck_x", "puck_y")]
-    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Robots"):
+    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Walking"):
         chosen(found)
 
 

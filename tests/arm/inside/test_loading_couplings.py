@@ -33,9 +33,9 @@ def arm(folder: Path, **parts: str) -> Path:
 @pytest.mark.parametrize(
     ("equality", "words"),
     [
-        ('<connect body1="c" body2="base" anchor="0 0 .1"/>', "a loop: 'c' and 'base' are held together"),
-        ('<weld body1="c" body2="a"/>', "a loop: 'c' and 'a' are held together"),
-        ('<weld site1="tip" site2="foot"/>', "a loop: 'c' and 'base' are held together"),
+        ('<connect body1="c" body2="base" anchor="0 0 .1"/>', "a loop: 'c' and 'base' are connected"),
+        ('<weld body1="c" body2="a"/>', "a loop: 'c' and 'a' are connected"),
+        ('<weld site1="tip" site2="foot"/>', "a loop: 'c' and 'base' are connected"),
         ('<joint joint1="three" polycoef="0.3 0 0 0 0"/>', "locks joint 'three'.*--hold three=0.3"),
     ],
 )

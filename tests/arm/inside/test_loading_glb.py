@@ -70,7 +70,7 @@ def test_nodes_shift_turn_and_scale_what_hangs_on_them(tmp_path: Path) -> None:
         ({"accessors": [{"componentType": 5126, "count": 4, "type": "VEC3"}] * 2}, 0, "compressed"),
         ({"buffers": [{"uri": "a.bin"}]}, 0, "in another file"),
         ({}, 8, "ends before"),
-        ({"nodes": [{"children": [0]}]}, 0, "in a circle"),
+        ({"nodes": [{"children": [0]}]}, 0, "form a circle"),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path: Path, more: dict[str, Any], cut: int, said: str) -> None:

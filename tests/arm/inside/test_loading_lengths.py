@@ -68,6 +68,6 @@ def test_no_floor_is_assumed_where_the_arm_hangs(tmp_path: Path) -> None:
 def test_a_last_link_without_its_mesh_is_not_said_to_have_a_shape(tmp_path: Path) -> None:
     text = TWO.replace('<sphere radius="0.07"/>', '<mesh filename="gone.stl"/>')
     loaded = load(write(tmp_path, text))
-    assert "the shape of link 'upper': its mesh is missing, a capsule was guessed" in loaded.unverified
+    assert "the shape of link 'upper': its mesh is missing, so a capsule is assumed" in loaded.unverified
     assert "the shape of link 'fore': its mesh is missing, and there is no replacement" in loaded.unverified
     assert loaded.model().ngeom == 2

@@ -84,7 +84,7 @@ def test_a_dae_counts_used_vertices_where_the_scene_puts_them_in_metres(tmp_path
         ("a.obj", b"", "holds no mesh"),
         ("a.obj", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "Git LFS.*git lfs pull"),
         ("a.stl", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "Git LFS.*git lfs pull"),
-        ("a.obj", b"v 0 0 nan\n", "are no numbers"),
+        ("a.obj", b"v 0 0 nan\n", "are not numbers"),
         ("a.obj", b"v 0 0 zero\n", "cannot be read"),
         ("a.dae", b"<COLLADA><scene>", "cannot be read"),
         ("a.dae", b"<svg/>", "no COLLADA file"),

@@ -109,7 +109,9 @@ def test_the_one_file_that_it_may_be_is_taken_and_said(
     package(tmp_path / "arm")
     found, said = lengths(model)
     assert found == [0.2, 0.2, 0.2]
-    sentence = f"package://arm_description is not found: for its {BASE} the files below {tmp_path / 'arm'} is"
+    sentence = (
+        f"package://arm_description is not found: for its {BASE} the files below {tmp_path / 'arm'} are"
+    )
     assert said.count(sentence) == 1
     assert main(["init", str(tmp_path / "lab"), "--robot", str(model)]) == 0
     assert sentence in capsys.readouterr().out

@@ -116,7 +116,7 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
             "base is not fixed: joint 'shoulder'",
         ),
         ('value="3.0"', 'value="-3.0"', "a mass cannot be -3 kg"),
-        ('value="3.0"', 'value="heavy"', "no number"),
+        ('value="3.0"', 'value="heavy"', "not a number"),
     ],
 )
 def test_bad_files_are_refused_with_the_reason(urdf: Path, old: str, new: str, words: str) -> None:
@@ -205,11 +205,13 @@ def test_a_missing_mesh_is_replaced_by_what_is_drawn_and_then_by_a_guess(urdf: P
     (urdf.parents[1] / "meshes/cube.obj").unlink()
     loaded = load(urdf)
     assert any("package://arm/meshes/cube.obj" in n and "--mesh-root" in n for n in loaded.notes)
-    assert any("'upper': its mesh is missing, what is drawn" in sentence for sentence in loaded.unverified)
+    assert any(
+        "'upper': its mesh is missing, so the visual geometry" in sentence for sentence in loaded.unverified
+    )
     assert loaded.model().geom("upper#0").type == mujoco.mjtGeom.mjGEOM_BOX
     urdf.write_text(robot().replace(f"<visual><geometry>{BOX}</geometry></visual>", ""))
     loaded = load(urdf)
-    assert any("'upper': its mesh is missing, a capsule was guessed" in s for s in loaded.unverified)
+    assert any("'upper': its mesh is missing, so a capsule is assumed" in s for s in loaded.unverified)
     model, data = state(loaded)
     geom, way = data.geom("upper#0"), data.body("fore").xpos - data.body("upper").xpos
     assert model.geom("upper#0").type == mujoco.mjtGeom.mjGEOM_CAPSULE
@@ -221,7 +223,7 @@ def test_what_is_drawn_counts_where_a_moving_part_has_no_collision_shape(urdf: P
     shape = '<collision><origin xyz="0.1 0 0"/><geometry>' + MESH + "</geometry></collision>"
     urdf.write_text(robot().replace(shape, ""))
     loaded = load(urdf)
-    assert any("What is drawn of upper is taken as shape" in note for note in loaded.notes)
+    assert any("The visual geometry of upper is used as shape" in note for note in loaded.notes)
     drawn = f"<visual><geometry>{BOX}</geometry></visual>"
     urdf.write_text(robot().replace(shape, "").replace(drawn, ""))
     assert "the shape of link 'upper': the file has none" in load(urdf).unverified

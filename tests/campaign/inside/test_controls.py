@@ -181,7 +181,7 @@ def test_an_open_proposal_is_not_for_another_control(lab: Campaign) -> None:
         ask(lab, control=FILE)
     assert ask(lab, control=FEEDBACK).number == 1
     assert ask(lab, control=FILE, new=True).number == 2
-    with pytest.raises(UsageError, match="nothing has been learned yet"):
+    with pytest.raises(UsageError, match="there is no model yet"):
         ask(lab, control=LEARNED, new=True)
     with pytest.raises(UsageError, match="no control 'none'"):
         ask(lab, control="none")

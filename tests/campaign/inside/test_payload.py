@@ -76,7 +76,7 @@ def test_it_is_written_once_and_added_to_what_was_there(
     np.testing.assert_allclose(stated["centre"], data["centre"])
     spec = open_campaign(tmp_path / "lab").spec
     assert spec.payload.mass == pytest.approx(KG, rel=0.1)
-    with pytest.raises(UsageError, match="another payload"):
+    with pytest.raises(UsageError, match=r"the payload in robot\.toml differs"):
         payload(open_campaign(tmp_path / "lab"), log, write=True)
     assert tomllib.loads((tmp_path / "lab" / "robot.toml").read_text())["payload"] == stated
 

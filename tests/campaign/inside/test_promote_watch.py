@@ -184,7 +184,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     (said,) = found.refused
     assert said.code == Refusal.NOT_DECIDED
     assert said.sentence == (
-        "no decision against the model in use, of log 5: 1 segments that neither model was trained on, but "
+        "no decision against the model in use, of log 5: 1 segment that neither model was trained on, but "
         "4 are needed"
     )
     assert main(["promote", str(fresh.path)]) == 3
@@ -208,7 +208,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
 def test_force_says_why_and_is_recorded(fresh: Campaign, tmp_path: Path) -> None:
     promote(fresh)
     one_more(fresh, tmp_path, 6)
-    with pytest.raises(UsageError, match="says why"):
+    with pytest.raises(UsageError, match="needs a reason"):
         promote(fresh, force=True)
     found = promote(fresh, force=True, reason="a demonstration")
     assert found.promoted

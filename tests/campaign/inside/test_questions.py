@@ -85,7 +85,7 @@ def test_an_answer_about_some_logs_says_nothing_of_one_that_denies_it(
     for path, accept in zip(wrong, (("sign",), ()), strict=True):
         told(campaign, path, accept=accept)
     right = write_log(tmp_path / "3.csv", random_motion(campaign, 3), 3)
-    with pytest.raises(DataError, match="hip is inverted in log 1, log 2 alone") as refused:
+    with pytest.raises(DataError, match="hip is inverted only in log 1, log 2") as refused:
         told(campaign, right)
     assert "Neither sign" not in refused.value.fact
     assert "Remove them (etude untell" in refused.value.next_step
@@ -102,9 +102,9 @@ def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) 
     assert untell(campaign, first.number, learner=stub_learner)
     found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
     repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]
-    assert [any("was turned, as asked" in s for s in own) for own in repairs] == [True, True]
+    assert [any("was inverted, as asked" in s for s in own) for own in repairs] == [True, True]
     # the newest answer holds for later logs
-    assert any("was turned, as asked" in s for s in told(campaign, paths[2]).repairs)
+    assert any("was inverted, as asked" in s for s in told(campaign, paths[2]).repairs)
 
 
 def test_logs_told_together_are_judged_together(campaign: Campaign, tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_logs_told_together_are_judged_together(campaign: Campaign, tmp_path: Pa
     (refused,) = found.refused
     assert refused.path == wrong
     assert refused.refused is not None
-    assert "hip and knee is inverted in wrong.csv alone" in refused.refused.fact
+    assert "hip and knee is inverted only in wrong.csv" in refused.refused.fact
     assert "--repair sign" in refused.refused.next_step
 
 
@@ -136,7 +136,7 @@ def test_held_rows_are_dropped_unasked_unless_they_are_accepted(campaign: Campai
         rewritten(write_log(tmp_path / f"{k}.csv", random_motion(campaign, k), k), held) for k in (1, 2, 3)
     )
     found = told(campaign, first)
-    assert any("Every row stands 2 times" in s for s in found.repairs)
+    assert any("Every row is repeated 2 times" in s for s in found.repairs)
     assert campaign.state().rounds[found.number].ingested.answers == ()  # type: ignore[union-attr]
     kept = told(campaign, second, accept=("held",))
     assert any(s.endswith("Used without a repair, as asked.") for s in kept.repairs)

@@ -181,8 +181,8 @@ def test_a_recording_that_is_taken_back_is_told_again_as_it_was(done: tuple[Camp
 
 HALF = np.array([1.0, 0.5])
 BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
-    "command": (lambda: Robot(command_of=None), "does not say command_of"),
-    "gravity": (lambda: Robot(gravity_in_command=None), "does not say gravity_in_command"),
+    "command": (lambda: Robot(command_of=None), "does not state command_of"),
+    "gravity": (lambda: Robot(gravity_in_command=None), "does not state gravity_in_command"),
     "joints": (lambda: Robot(("hip", "elbow")), "it lacks knee and it has elbow"),
     "unit": (lambda: Robot(command_unit="A"), "commands in A, and robot.toml says N m"),
     "velocity": (

@@ -330,5 +330,5 @@ def test_commands_that_are_not_the_joints_are_refused(commands) -> None:
 def test_without_an_entry_that_counts_it_says_so() -> None:
     data = fit_data(config=ModelConfig(steps=0))
     process = all_lin(data)
-    with pytest.raises(DataError, match="no entry of any command counts"):
+    with pytest.raises(DataError, match="no entry of any command can be used"):
         replace(process, counts=np.zeros_like(process.counts))

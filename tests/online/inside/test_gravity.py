@@ -83,7 +83,7 @@ def test_poses_that_are_none_are_refused(together) -> None:
     with pytest.raises(UsageError, match=r"shape \(2,\), not \(n, 2\)"):
         together.gravity(Q[0])
     strange = replace(together, commands=("m1", "m2"))
-    with pytest.raises(UsageError, match="no position for each command"):
+    with pytest.raises(UsageError, match="not one position per command"):
         strange.gravity(Q)
 
 

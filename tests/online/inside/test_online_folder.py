@@ -76,7 +76,7 @@ def test_it_opens_without_a_campaign_and_learns(files, tmp_path) -> None:
     assert np.isfinite(commands).all()
     assert robot.counts.learned.min() > 0
     assert robot.counts.suspected == 0
-    assert not any("drives alone" in sentence for _, sentence in robot.reports())
+    assert not any("is used alone" in sentence for _, sentence in robot.reports())
     assert set(robot.weights()) == set(robot.names)
 
 
@@ -128,7 +128,7 @@ def test_a_changed_folder_is_refused(files, tmp_path) -> None:
     (folder / "model.npz").unlink()
     with pytest.raises(DataError, match=r"model\.npz|hashes"):
         open_online(folder)
-    with pytest.raises(UsageError, match="no folder"):
+    with pytest.raises(UsageError, match="not a folder"):
         open_online(tmp_path / "nowhere")
 
 
@@ -216,7 +216,7 @@ def test_a_wrong_sign_is_told_in_one_sentence(files, tmp_path) -> None:
         command, _ = robot.command(t, robot.planned_row(orders))
         robot.observe(t, {"q": orders[0], "q_des": orders[0], "command": -command - 9.0})
     (_, sentence), *more = robot.reports()
-    assert "drives alone" in sentence
+    assert "is used alone" in sentence
     assert more == []
 
 

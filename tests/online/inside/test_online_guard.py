@@ -147,7 +147,7 @@ def test_a_wrong_sign_costs_nothing_and_the_gain_is_back_after_it(model) -> None
     assert b[during].mean() < 1.1 * a[during].mean()
     assert b[after].mean() < 0.8 * a[after].mean()
     said = [sentence for _, sentence in learning.online.reports]
-    assert sum("drives alone" in sentence for sentence in said) == 1
+    assert sum("is used alone" in sentence for sentence in said) == 1
     assert sum("agreed" in sentence for sentence in said) == 1
 
 
@@ -315,7 +315,7 @@ def test_the_law_of_the_feedback_is_found_in_a_log() -> None:
 @pytest.mark.parametrize(
     ("log", "word"),
     [
-        (log_of_feedback(sign=-1.0), "Turn the sign"),
+        (log_of_feedback(sign=-1.0), "Invert the sign"),
         (log_of_feedback(plan=False), "desired positions"),
         (log_of_feedback(gravity=9.0), "does not follow"),
     ],

@@ -381,7 +381,7 @@ def test_who_has_no_numbered_motors_is_refused(model: Any) -> None:
         PX4(quadrotor_model("", points=12, spec=named), QUADROTOR, named, {})
     with pytest.raises(UsageError, match="the model reads q, which set-points do not contain"):
         PX4(arm_model("exact", "ard_se", points=12), ARM, arm_spec(), {})
-    with pytest.raises(UsageError, match="asked at 100, 250, 500 Hz, not 400"):
+    with pytest.raises(UsageError, match="evaluated at 100, 250, 500 Hz, not 400"):
         CRAZYFLIE(model, QUADROTOR, spec(), {"rate": 400})
 
 

@@ -150,7 +150,7 @@ def test_slow_thrust_tells_no_lag_and_what_would() -> None:
     spec = spec_of(4)
     own = told(spec, [flown(spec, seed, quick=0.1) for seed in range(3)])["motor time constant"]
     assert own["known"].startswith("cannot tell: the interval is 0.0")
-    assert "quick ups and downs: 3 m/s^2 at 0.5 to 1.5 Hz" in own["known"]
+    assert "fast vertical motion: 3 m/s^2 at 0.5 to 1.5 Hz" in own["known"]
 
 
 def test_a_contradiction_is_what_chance_does_not_explain() -> None:
@@ -187,7 +187,7 @@ def test_what_flights_cannot_tell_is_said() -> None:
     bare = [flown(spec, seed).without("body_velocity", "body_acceleration", "altitude") for seed in range(2)]
     less = told(replace(spec, rotors=()), bare)
     assert "does not state the positions of its rotors" in less["centre of mass x"]["known"]
-    assert "position or velocity" in less["rotor drag y"]["known"]
+    assert "neither position nor velocity" in less["rotor drag y"]["known"]
     assert less["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02)
 
 

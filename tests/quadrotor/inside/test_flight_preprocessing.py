@@ -199,7 +199,7 @@ def test_what_one_flight_lacks_all_lack() -> None:
         (lambda log: replace(log, t=np.where(np.arange(300) == 7, np.inf, log.t)), "t contains"),
         (lambda log: log.put(log.channels["rates"], nan_at(log["rates"])), "rates contains NaN"),
         (lambda log: log.put(log.channels["command"], np.full((300, 4), 5.9)), "no command ever changes"),
-        (lambda log: log.put(log.channels["command"], saturated(log["command"])), "saturated throughout"),
+        (lambda log: log.put(log.channels["command"], saturated(log["command"])), "always saturated"),
     ],
 )
 def test_flights_that_teach_nothing_are_refused(change, words: str) -> None:
@@ -223,7 +223,7 @@ def test_no_flight_other_units_and_too_much_trimming_are_refused() -> None:
     units = replace(log.channels["command"], units=("1",) * 4)
     with pytest.raises(DataError, match="different units"):
         samples([log, log.put(units, log["command"])])
-    with pytest.raises(DataError, match="nothing is left"):
+    with pytest.raises(DataError, match="no rows of the log remain"):
         samples([log], FlightData(first_s=40.0))
     for wrong in ({"lag_s": -1.0}, {"first_s": "auto"}, {"last_s": np.nan}, {"acceleration": "world"}):
         with pytest.raises(UsageError):

@@ -126,7 +126,7 @@ def test_a_vehicle_of_more_motors_reads_back(table, count):
     np.testing.assert_allclose(loads, np.eye(4), atol=1e-12)
     with pytest.raises(UsageError, match="simulated vehicles have 4 motors"):
         spec_from_table(table | own | {"plant": "quadrotor"}, where="")
-    with pytest.raises(UsageError, match=f"where its {count} rotors are"):
+    with pytest.raises(UsageError, match=f"positions of its {count} rotors"):
         spec_from_table(table | own | {"rotors": []}, where="")
 
 

@@ -315,11 +315,11 @@ def test_the_robot_is_drawn_where_it_is_asked_to_be_and_where_it_is(tmp_path: Pa
         assert (time, piece, words) == (2.5, "motion 1 at 100 %", "2.50 s")
         assert turned[:2] == pytest.approx([np.cos(0.2), -np.sin(0.2)], abs=1e-6), "solid: where it is asked"
         nearest = "return document.querySelector('.nearest').textContent"
-        assert "told along" not in browser.execute_script(nearest)
+        assert "shown along" not in browser.execute_script(nearest)
         _, _, turned, piece, words = shown("approach", 1.0, [0.3, 0.4, 1.0], own)
         assert (piece, words) == ("approach 1 at 100 %", ""), "it is not on the motion that is drawn"
         assert turned[:2] == pytest.approx([np.cos(0.3), -np.sin(0.3)], abs=1e-6)
-        assert browser.execute_script(nearest).startswith("told along")
+        assert browser.execute_script(nearest).startswith("shown along")
         assert complaints(browser) == []
 
 

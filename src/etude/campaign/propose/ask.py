@@ -325,7 +325,7 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
         return
     verdict = stop_verdict(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
     use = f"Use the model (etude promote {typed(campaign.path)})"
-    first = use if verdict.usable else "Do not use the model yet: etude status says why"
+    first = use if verdict.usable else "Do not use the model yet: etude status shows why"
     if verdict.stop:
         raise StopRuleReached(
             f"the stop rule fired ({verdict.rule}): {verdict.reason.rstrip('.')}",

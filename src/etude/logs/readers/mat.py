@@ -326,7 +326,7 @@ def _numbers(kind: int, content: Bytes, order: str) -> Array:
 
 def _number(kind: int, order: str) -> np.dtype[Any]:
     if kind not in NUMBERS_5:
-        raise ValueError(f"type {kind} is no number")
+        raise ValueError(f"type {kind} is not a number")
     return np.dtype(order + NUMBERS_5[kind])
 
 

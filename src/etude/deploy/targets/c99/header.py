@@ -169,7 +169,7 @@ def _functions(plan: Plan, form: CForm) -> str:
 /* Commands from the states{_fading_note(form)}. Returns flags. */
 unsigned {name}_mean({name}_state *state, const {name}_real *input, {name}_real *command);
 
-/* The same of an instant by itself: what friction remembers of the way is left out, and no state is needed.
+/* The same of an instant by itself: without the memory of friction, so no state is needed.
 */ unsigned {name}_instant(const {name}_real *input, {name}_real *command);
 
 /* The part of the commands that holds the robot still in that position (gravity): rates count as 0. */
