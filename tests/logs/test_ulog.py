@@ -67,7 +67,7 @@ def test_older_logs_have_pulse_widths(tmp_path: Path) -> None:
     path = ulogs.write_ulog(tmp_path / "flight.ulg", own, parameters={"PWM_MAX": 1900, "PWM_MAIN_MAX2": -1})
     log = read_log(path, CHANNELS, rate=200.0)
     np.testing.assert_allclose(log["command"], controls, atol=1e-4)
-    assert any("Outputs 1 to 4 of actuator_outputs were taken" in sentence for sentence in log.repairs)
+    assert any("Outputs 1 to 4 of actuator_outputs were read" in sentence for sentence in log.repairs)
 
 
 def test_motors_that_were_logged_too_slowly_are_reported(tmp_path: Path) -> None:
