@@ -75,6 +75,6 @@ def test_a_format_that_does_not_fit_is_refused(lab: Campaign, name: str) -> None
 
 
 def test_an_effort_needs_a_model(lab: Campaign) -> None:
-    with pytest.raises(UsageError, match="there is no model yet for the learned feedforward"):
+    with pytest.raises(UsageError, match="there is no model yet"):
         ask(lab, formats=("ros2_yaml",), effort=True, learner=stub_learner)
     assert not exported(lab)

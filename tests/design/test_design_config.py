@@ -9,7 +9,7 @@ from etude.errors import UsageError
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"criterion": "entropy"}, "no criterion 'entropy'; known: d_opt, info_gain, ivr, log_ivr"),
+        ({"criterion": "entropy"}, "there is no criterion 'entropy'.*Known: mean_variance, ivr, log_ivr"),
         ({"sampler": "grid"}, "'scaled' or 'uniform', not 'grid'"),
         ({"candidates": 0}, "candidates must be >= 1, not 0"),
         ({"points": 0}, "points must be >= 1"),

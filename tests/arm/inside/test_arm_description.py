@@ -67,5 +67,5 @@ def test_a_floor_that_its_owner_gives_needs_no_confirming(tmp_path: Path) -> Non
     assert floor.height == -0.1
     with pytest.raises(UsageError, match="already states the floor"):
         describe(tmp_path / "lab" / "robot.toml", floor=0.0)
-    with pytest.raises(UsageError, match="number of metres"):
+    with pytest.raises(UsageError, match="needs a finite number"):
         describe(path, floor=float("nan"))

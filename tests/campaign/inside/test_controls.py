@@ -185,7 +185,7 @@ def test_an_open_proposal_is_not_for_another_control(lab: Campaign) -> None:
         ask(lab, control=LEARNED, new=True)
     with pytest.raises(UsageError, match="no control 'none'"):
         ask(lab, control="none")
-    with pytest.raises(UsageError, match="not run under feedback alone"):
+    with pytest.raises(UsageError, match="cannot be planned for feedback alone"):
         required(FEEDBACK, effort=True)
 
 

@@ -184,12 +184,12 @@ BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
     "command": (lambda: Robot(command_of=None), "does not state command_of"),
     "gravity": (lambda: Robot(gravity_in_command=None), "does not state gravity_in_command"),
     "joints": (lambda: Robot(("hip", "elbow")), "it lacks knee and it has elbow"),
-    "unit": (lambda: Robot(command_unit="A"), "commands in A, and robot.toml says N m"),
+    "unit": (lambda: Robot(command_unit="A"), "commands in A, but robot.toml states N m"),
     "velocity": (
         lambda: Robot(velocity=np.array([1.0, 0.5])),
-        "velocity 0.5 of hip, and robot.toml allows 1",
+        "velocity 0.5 of hip, but robot.toml allows 1",
     ),
-    "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
+    "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, but robot.toml allows -1.5"),
     "silence": (lambda: Robot(silence=0.5), "is regarded as lost after 0.5 s without a sample"),
     "glitches": (lambda: Robot(silence=0.03), "is regarded as lost after 0.03 s without a sample"),
     "rarely": (lambda: Robot(rate=4.0, silence=0.6), "sends 4 samples a second, too few to stop it in time"),
@@ -225,10 +225,10 @@ ENVELOPE = VelocityEnvelope(
             "enforces jerk 500 of hip, but robot.toml has no such limit",
         ),
         ({"torque_rate": np.array([80.0, 1000.0])}, "enforces torque_rate 80 of knee"),
-        ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, and robot.toml allows 0\.9 there"),
+        ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, but robot.toml allows 0\.9 there"),
         (
             {"envelope": ENVELOPE, "acceleration": np.array([1.5, 9.0])},
-            r"velocity 0\.9 of hip, and .* allows 1",
+            r"velocity 0\.9 of hip, but .* allows 1",
         ),
     ],
 )

@@ -140,5 +140,5 @@ def test_a_criterion_is_found_by_its_full_name() -> None:
     ]
     with pytest.raises(UsageError, match="is not a criterion"):
         criterion_named("etude.design.criteria:LOG_FLOOR")
-    with pytest.raises(UsageError, match="there is no 'inform'"):
+    with pytest.raises(UsageError, match="there is no criterion 'inform'"):
         criterion_named("inform")

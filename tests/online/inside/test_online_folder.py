@@ -260,5 +260,5 @@ def test_the_target_takes_a_half_life(monkeypatch: pytest.MonkeyPatch) -> None:
         ("variance", 30.0),
         ("ssgp", 20.0),
     ]
-    with pytest.raises(UsageError, match="half_life = 'long' is no number"):
+    with pytest.raises(UsageError, match="half_life = 'long' is not a number"):
         ONLINE(None, KIND, SPEC, supplied | {"half_life": "long"})
