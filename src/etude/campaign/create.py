@@ -26,7 +26,7 @@ from etude.campaign.record.folder import (
     require_plain,
 )
 from etude.campaign.record.journal import JOURNAL, commit, read_events
-from etude.errors import UsageError, reason, typed
+from etude.errors import UsageError, did_you_mean, reason, typed
 from etude.plugins import named_in
 from etude.protocols import Kind
 from etude.storage import LOCK, sha256_of, write_atomic, writer_lock
@@ -195,7 +195,10 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
     if path.is_dir():
         raise UsageError("this is a folder, not a robot's description", where=robot, next_step=choices)
     if not path.is_file():
-        raise UsageError(f"there is no robot and no file {robot!r}", next_step=_shipped(path) + choices)
+        raise UsageError(
+            f"there is no robot and no file {robot!r}",
+            next_step=(_shipped(path) or did_you_mean(robot, names)) + choices,
+        )
     matches = [kind for kind in kinds if _call_plugin(kind.name, partial(kind.recognises, path), broken)]
     if not matches:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
@@ -223,7 +226,8 @@ def _require_known_kind(path: Path, kinds: Sequence[str]) -> None:
         raise UsageError(
             f"no kind of robot {named!r} is known ({', '.join(kinds)})",
             where=f"{path}, kind",
-            next_step="Correct the name, or install the plug-in of that kind; etude plugins lists all.",
+            next_step=f"{did_you_mean(named, kinds)}Correct the name, or install the plug-in of that kind; "
+            "etude plugins lists all.",
         )
 
 

@@ -208,11 +208,14 @@ def _usage_step(error: EtudeError, arguments: Sequence[str]) -> str:
 
 
 def _in_plugin(error: EtudeError) -> str:
-    """The plug-in that raised an error on purpose, or called what did; "" if none took part."""
+    """The plug-in that called what raised the error; "" if none did, or it raised the error itself."""
     from etude.plugins import raised_in
 
     origin = raised_in(error)
-    return "" if origin is None else f"in the plug-in {origin[0]}, {origin[1]}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    if origin is None or origin[1].startswith(f"{last.filename}:{last.lineno},"):
+        return ""
+    return f"in the plug-in {origin[0]}, {origin[1]}"
 
 
 def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:

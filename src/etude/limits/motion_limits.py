@@ -1,4 +1,5 @@
-"""Convex limits of robots: on single axes, on norms of vectors, on a vehicle's tilt.
+"""Limits of motions: on single axes, on norms of vectors, on a vehicle's tilt. A new one is a class here, or
+a function for `lipschitz.py` if it depends on poses alone; a kind of robot lists its own in its `motions.py`.
 
 Each limit is imposed at the family's instants, and shrunk so that it holds at every time. The proof of the
 final bytes uses other samples, and cannot fail then either. The factor is kappa for what is linear in the

@@ -1,4 +1,4 @@
-"""Payload estimate of `etude payload`: load at the hand in one log; nothing is ingested or learned."""
+"""The command `etude payload`: reads one log for `models.change.payload_estimate`; nothing is learned."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from etude.design.config import DesignConfig
-from etude.errors import UsageError
+from etude.errors import UsageError, did_you_mean
 from etude.limits.tracking_margins import TrackingConfig
 from etude.logs.config import LogConfig
 from etude.models.config import ModelConfig
@@ -103,7 +103,9 @@ def preset_config(kind: Kind, name: str, where: str = "") -> CampaignConfig:
     """
     if name not in kind.presets:
         raise UsageError(
-            f"unknown preset {name!r}", where=where, next_step=f"Use one of: {', '.join(kind.presets)}."
+            f"unknown preset {name!r}",
+            where=where,
+            next_step=f"{did_you_mean(name, kind.presets)}Use one of: {', '.join(kind.presets)}.",
         )
     preset = kind.presets[name]
     classes = tables_of(kind)

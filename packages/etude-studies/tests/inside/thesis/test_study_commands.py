@@ -81,7 +81,7 @@ def test_the_runs_of_the_thesis_are_no_sensitivity_runs() -> None:
         (["show", "C6.2-33"], "Did you mean C6.2-3?"),
         (["run"], "Run what?"),
         (["run", RUN, "--seeds", "0"], "0 seeds are none"),
-        (["arm", "--seeds", "0"], "0 seeds are none"),
+        (["arm", "--seeds", "0"], "The number of seeds must be 1 or more, not 0"),
         (["run", RUN, "--shard", "4/3"], "'4/3' is no shard"),
         (["run", RUN, "--workers", "0"], "0 workers do nothing"),
         (["run", RUN, "--method", "posture"], "'posture' is no module:attribute"),
