@@ -27,7 +27,10 @@ def test_the_rehearsal_on_the_page(
         said.append("".join(capsys.readouterr()))
     assert [words[0] for words in rehearsal] == ["init", "simulate", "simulate", "status", "tell", "simulate"]
     assert codes == [0, 0, 6, 0, 0, 0]  # the page says so
-    assert "Log 3 is not used for training yet." in said[2]
+    assert (
+        "Log 3 is not used for training yet: the robot differs from the one that the model was trained on"
+        in said[2]
+    )
     assert "a load was taken up or put down" in said[2]
     assert said[3].startswith("RED: log 3: the robot differs from the one")
     assert "Learned: 3." in said[4]
