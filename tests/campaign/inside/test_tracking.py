@@ -44,7 +44,7 @@ def test_before_any_log_the_margin_is_assumed(lab: Campaign) -> None:
     assert [row["tracking_margin"] for row in rows(lab, 1, "velocity")] == pytest.approx([0.25, 0.25])
     assert all(row["confidence"] == 0.0 for row in rows(lab, 1, "position"))
     assert [row["upper"] for row in rows(lab, 1, "position")] == pytest.approx([0.96, 0.46])
-    assert any("assumed" in sentence for sentence in found.certificate.not_verified)
+    assert any("no log of such a motion" in sentence for sentence in found.certificate.not_verified)
 
 
 def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(

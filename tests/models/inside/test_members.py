@@ -221,7 +221,7 @@ def test_commands_that_share_a_factor_are_one_latent_function() -> None:
 
 def test_a_member_is_loaded_alone() -> None:
     assert member_named("exact") is MEMBERS["exact"]
-    with pytest.raises(UsageError, match="no 'magic' among"):
+    with pytest.raises(UsageError, match="no member of the model family 'magic'"):
         member_named("magic")
     code = (
         "import sys\n"
