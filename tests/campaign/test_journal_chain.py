@@ -68,15 +68,16 @@ def test_two_lines_swapped(tmp_path: Path, lines: list[str], one: int, other: in
     )
 
 
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("index", "count"), [(0, COUNT), (2, COUNT), (COUNT - 1, COUNT), (0, 1)])
-def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int, count: int) -> None:
+def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int, count: int, every: int) -> None:
     """The last line and an only one too: the seal is its own."""
     lines, line = lines[:count], lines[index]
-    for place, old in enumerate(line):
-        for new in {"0", "1", "a", " ", "n", '"', ","} - {old}:
-            edited = line[:place] + new + line[place + 1 :]
-            found = refusal(tmp_path, [*lines[:index], edited, *lines[index + 1 :]])
-            assert found.startswith(f"{index + 1}: "), (edited, found)
+    edits = [(place, new) for place, old in enumerate(line) for new in '01a n",' if new != old]
+    for place, new in edits[::every]:
+        edited = line[:place] + new + line[place + 1 :]
+        found = refusal(tmp_path, [*lines[:index], edited, *lines[index + 1 :]])
+        assert found.startswith(f"{index + 1}: "), (edited, found)
 
 
 def test_a_line_stripped_of_its_hashes(tmp_path: Path, lines: list[str]) -> None:

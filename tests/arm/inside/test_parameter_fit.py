@@ -89,6 +89,7 @@ def test_base_parameters_say_all_that_motion_shows(fit: ParameterFit) -> None:
     assert all(one.parts[0][1] == 1.0 for one in bases)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth(robot: tuple[ArmSpec, Path]) -> None:
     spec, real = robot
     z = []
