@@ -31,6 +31,9 @@ class Lab:
     folder: Path
 
 
+pytestmark = pytest.mark.slow  # a campaign of its own, learned twice
+
+
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
     folder = tmp_path_factory.mktemp("slow")

@@ -81,6 +81,7 @@ def test_one_instant_is_a_row_of_the_plan() -> None:
     np.testing.assert_array_equal(deviation, [2.0, 1.0])
 
 
+@pytest.mark.slow
 def test_a_learned_model_halves_the_error_of_feedback_alone_and_the_exact_inverse_is_better() -> None:
     robot = simulated()
     swing = Swing(robot)

@@ -230,6 +230,7 @@ def test_ctrl_c_ends_it_with_130_and_no_traceback(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == before, "nothing is written"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_new_event_renews_the_page_by_itself(tmp_path: Path) -> None:
     write_campaign(tmp_path)

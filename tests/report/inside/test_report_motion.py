@@ -157,6 +157,7 @@ def test_a_box_is_where_the_camera_sees_it_in_front_of_its_own_back() -> None:
     assert len(names) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_it_stands_where_less_motion_is_asked_for_and_sticks_are_for_paper(
     browser: Any, folder: Path

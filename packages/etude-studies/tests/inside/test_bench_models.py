@@ -187,4 +187,4 @@ def test_the_command_runs_it_with_the_options_that_it_knows(monkeypatch, capsys)
     assert main(["bench", "models", "--seed", "5", "--quick"]) == 0
     assert seen == [(False, 5, True)]
     assert main(["bench", "models", "--logs", "."]) == 2
-    assert "no use for --logs" in capsys.readouterr().err
+    assert "does not take --logs" in capsys.readouterr().err

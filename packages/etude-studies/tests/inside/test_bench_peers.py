@@ -221,7 +221,7 @@ def test_other_interpreters_come_from_the_command_line(monkeypatch) -> None:
 
 def test_a_bench_without_peers_refuses_interpreters(capsys) -> None:
     assert main(["bench", "models", "--python", str(HERE)]) == 2
-    assert "no use for --python" in capsys.readouterr().err
+    assert "does not take --python" in capsys.readouterr().err
 
 
 def test_the_sizes_and_the_extra() -> None:

@@ -134,7 +134,7 @@ def test_an_empty_folder_is_refused_and_a_bench_without_recordings_takes_none(tm
     with pytest.raises(UsageError, match="none of the recordings"):
         real_rows(np.random.default_rng(0), logs=tmp_path)
     assert main(["bench", "gp", "--logs", str(tmp_path)]) == 2
-    assert "no use for --logs" in capsys.readouterr().err
+    assert "does not take --logs" in capsys.readouterr().err
 
 
 def test_the_original_matlab_file_is_the_same(tmp_path) -> None:
