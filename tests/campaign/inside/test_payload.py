@@ -64,7 +64,7 @@ def test_it_is_written_once_and_added_to_what_was_there(
     log = carrying(tmp_path / "run.csv", lab, random_motion(lab, 5), KG)
     found = payload(lab, log)
     assert f"{found.load.mass:.3g} kg +- " in found.said[0]
-    assert "y cannot be told" in found.said[1], "no axis of the arm turns the load's y up"
+    assert "y cannot be determined" in found.said[1], "no axis of the arm turns the load's y up"
     assert found.written is None
     words = ["payload", str(tmp_path / "lab"), "--log", str(log)]
     assert main([*words, "--write", "--json"]) == 0

@@ -283,7 +283,8 @@ def test_friction_that_turns_round_over_a_distance_is_no_delay(distance: float) 
     assert decided(log).level == "silent"
     found = decided(late(log, 0.06))
     assert (found.level, found.check) == ("note", "delay")
-    assert found.by == pytest.approx((0.06,), abs=0.01)
+    # friction that turns over a distance adds up to 12 ms; the true 60 ms was a point of the coarse search
+    assert found.by == pytest.approx((0.06,), abs=0.015)
 
 
 def test_a_sign_that_turns_blur_is_told_beside_them() -> None:
