@@ -80,8 +80,8 @@ def test_nothing_is_sent_to_a_robot_that_moves(
 
 
 def test_the_start_is_as_near_as_the_certificate_keeps(ros: Ros, points: Any, tmp_path: Path) -> None:
-    row = {"axis": "b", "quantity": "position", "tracking_margin": 0.004}
-    (tmp_path / "certificate.json").write_text(json.dumps({"rows": [row]}))
+    rows = [{"axis": "b", "quantity": "position", "tracking_margin": m} for m in (0.004, 0.01, 0.0)]
+    (tmp_path / "certificate.json").write_text(json.dumps({"rows": rows}))
     ros.state = {"a": 0.119, "b": -0.205}
     assert points.main([]) == 1
     assert points.main(["--tolerance", "0.02"]) == 0

@@ -191,13 +191,13 @@ def test_names_that_c_does_not_take() -> None:
 
 def test_joints_with_odd_names_are_mangled_and_listed(tmp_path: Path) -> None:
     spec = arm_spec()
-    axes = tuple(replace(a, name=n) for a, n in zip(spec.axes, ("1st", "a*/b", "int", "Größe"), strict=True))
+    axes = tuple(replace(a, name=n) for a, n in zip(spec.axes, ("1st", "a*/b/*c", "int", "Größe"), strict=True))
     odd = replace(spec, axes=axes)
     made = of(arm_model("exact", "ard_se", together=True, spec=odd), name="4dof-Arm", spec=odd)
     assert made.plan.name == "n_4dof_Arm"
     header = made.files["n_4dof_Arm.h"].decode()
     assert "N_4DOF_ARM_COMMAND_INT_ = 2" in header
-    assert "(a* /b)" in header
+    assert "(a* /b/ *c)" in header
     for file, data in made.files.items():
         (tmp_path / file).write_bytes(data)
     run([tool("gcc"), *STRICT, "-O0", "n_4dof_Arm.c", "n_4dof_Arm_test.c", "-lm", "-o", "t"], tmp_path)

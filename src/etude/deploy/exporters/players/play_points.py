@@ -58,8 +58,9 @@ def tolerances(path, names):
         rows = json.loads(path.read_text())["rows"]
     except (OSError, ValueError, KeyError):
         rows = []
-    kept = {r["axis"]: r["tracking_margin"] for r in rows if r["quantity"] == "position"}
-    return {name: min(NEAR, kept.get(name) or NEAR) for name in names}
+    kept = [(r["axis"], r["tracking_margin"]) for r in rows if r["quantity"] == "position"]
+    # pieces may have margins of their own: the least of them
+    return {name: min([NEAR, *(m for axis, m in kept if axis == name and m > 0.0)]) for name in names}
 
 
 def standing(node, topic):

@@ -187,7 +187,7 @@ _CLOSING = """
 
 
 def _plain(text: str) -> str:
-    return text.replace("*/", "* /")
+    return text.replace("*/", "* /").replace("/*", "/ *")  # -Wcomment refuses the second
 
 
 def _state_notes(plan: Plan) -> str:
