@@ -203,7 +203,7 @@ def test_joints_with_odd_names_are_mangled_and_listed(tmp_path: Path) -> None:
     run([tool("gcc"), *STRICT, "-O0", "n_4dof_Arm.c", "n_4dof_Arm_test.c", "-lm", "-o", "t"], tmp_path)
     run(["./t"], tmp_path)
     said = C99(made.plan.model, ARM, odd, {"name": "x"}).said
-    assert any("'a*/b' is a__b in C" in sentence for sentence in said)
+    assert any("'a*/b/*c' is a__b__c in C" in sentence for sentence in said)
 
 
 class Foreign(SquaredExponential):
