@@ -191,7 +191,8 @@ def test_names_that_c_does_not_take() -> None:
 
 def test_joints_with_odd_names_are_mangled_and_listed(tmp_path: Path) -> None:
     spec = arm_spec()
-    axes = tuple(replace(a, name=n) for a, n in zip(spec.axes, ("1st", "a*/b/*c", "int", "Größe"), strict=True))
+    names = "1st", "a*/b/*c", "int", "Größe"
+    axes = tuple(replace(axis, name=name) for axis, name in zip(spec.axes, names, strict=True))
     odd = replace(spec, axes=axes)
     made = of(arm_model("exact", "ard_se", together=True, spec=odd), name="4dof-Arm", spec=odd)
     assert made.plan.name == "n_4dof_Arm"
