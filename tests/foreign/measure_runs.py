@@ -67,7 +67,7 @@ def of_share(file: str, *joints: str, words: str = "", masses: str = "file", til
     return Robot(share() / file, joints, tuple(words.split()), masses, tilted)
 
 
-FLYING = "--velocity *=3 --command *=2"
+FLYING = "--velocity *=3"
 ROBOTS = {
     "twodof": of_share("asr_twodof_description/urdf/TwoDofs.urdf"),
     "pendulum": of_share(

@@ -225,6 +225,7 @@ ENVELOPE = VelocityEnvelope(
             "enforces jerk 500 of hip, but robot.toml has no such limit",
         ),
         ({"torque_rate": np.array([80.0, 1000.0])}, "enforces torque_rate 80 of knee"),
+        ({"command": np.array([4.0, 1000.0])}, "enforces command 4 of knee"),
         ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, but robot.toml allows 0\.9 there"),
         (
             {"envelope": ENVELOPE, "acceleration": np.array([1.5, 9.0])},
@@ -928,6 +929,14 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
         np.array(f.residual) for f in facts(campaign, MotionEnded) if f.control == "learned" and f.residual
     ]
     assert np.all(pushed > 2.0 * np.max(ways, axis=0)), "a way begins anywhere in the band of friction"
+    ran = replace(proposal_motion(campaign, 2, "learned"), learned=learned)
+    slow, own_speed, fast = (
+        replace(ran, trajectory=ran.trajectory.slowed(factor)).bounds(campaign, robot.about()).residual
+        for factor in (2.0, 1.0, 0.2)
+    )
+    np.testing.assert_array_equal(slow, own_speed)
+    assert fast is not None
+    assert np.all(fast > 4.0 * 2.0 * np.max(ways, axis=0)), "what a model misses grows with the speed"
     alone = 2.0 * np.max([f for f, own in zip(seen, whole, strict=True) if own], axis=0)
     faded = replace(motion, control="learned").bounds(campaign, robot.about()).error
     assert np.all(faded >= alone), "where a model knows nothing the feedback is left"
