@@ -119,7 +119,7 @@ PAIRS = 2_000
 PERIODS = 20_001
 """Instants at which a proof is held against what the limit measures."""
 LARGEST = 4.0
-"""Size of a drawn motion, of parameters with deviation 1, from which a limit without cones is not looked for."""
+"""Size of a motion, as a factor on a drawn one, up to which the edge of a limit without cones is searched."""
 SLACK = 0.03
 """A proof may exceed what is reached by this part of the limit's width, and no more."""
 

@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -382,7 +383,8 @@ class Power:
     def prove(self, piece: Trajectory) -> list[Proof]:
         power = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, 20_001), 3))
         ends = zip(power.min(axis=0).tolist(), power.max(axis=0).tolist(), strict=True)
-        return [Proof("q", "power", -9.0, 9.0, *proved, method="samples", status="sampled") for proved in ends]
+        row = partial(Proof, "q", "power", -9.0, 9.0, method="samples", status="sampled")
+        return [row(*proved) for proved in ends]
 
 
 class TestPower(LimitSuite):
