@@ -278,8 +278,8 @@ class CommandLimit:
         before and after it, and the two samples whose deviations count there.
         """
         beyond, every = (most > 0.5 * (self.upper - self.lower)).any(axis=0), _every(motion, COARSE)
-        at = most[2:-2, beyond].argmax(axis=0) + 2 if beyond.any() and len(most) > 4 else []
-        if len(at):
+        if beyond.any() and len(most) > 4:
+            at = most[2:-2, beyond].argmax(axis=0) + 2
             left = at // every * every
             places = np.stack([at - 2, at - 1, at, at + 1, at + 2, left, left + every])
             self._broken[:] = [motion.t[places.clip(max=len(most) - 1)] / motion.t[-1]]
