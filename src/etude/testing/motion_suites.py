@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -118,6 +118,8 @@ PAIRS = 2_000
 """Pairs of poses, at each of three distances, at which slopes are held against the function."""
 PERIODS = 20_001
 """Instants at which a proof is held against what the limit measures."""
+LARGEST = 4.0
+"""Size of a motion, as a factor on a drawn one, up to which the edge of a limit without cones is searched."""
 SLACK = 0.03
 """A proof may exceed what is reached by this part of the limit's width, and no more."""
 
@@ -183,8 +185,8 @@ class LimitSuite:
         if not isinstance(self.limit, LipschitzLimit):
             return
         rng, slopes = np.random.default_rng(0), np.asarray(self.limit.slopes, dtype=float)
-        family, p = self._edge(0, 1.0)
-        trajectory = family.trajectory(p)
+        family, centre, direction = self._drawn(0)
+        trajectory = family.trajectory(centre + direction)
         path = trajectory.motion(np.linspace(0.0, trajectory.duration, PAIRS), 1).orders[0]
         assert slopes.shape == path.shape[1:], f"{len(slopes)} slopes, {path.shape[1]} coordinates"
         lower, upper = path.min(axis=0), path.max(axis=0)
@@ -225,13 +227,29 @@ class LimitSuite:
 
     def _edge(self, seed: int, part: float) -> tuple[Family, Array]:
         """A drawn family and parameters in a random direction from home, `part` of the way to the edge."""
+        family, centre, direction = self._drawn(seed)
+        reaches = [_reach(_in_cone(cone, centre, direction), 1e9) for cone in self.limit.cones(family)]
+        measured = self._measured_inside(family, centre, direction)
+        reach = min(reaches) if reaches else _reach(measured, LARGEST)
+        return family, centre + part * reach * direction
+
+    def _drawn(self, seed: int) -> tuple[Family, Array, Array]:
+        """A drawn family, its parameters of standing at home, and a random direction of deviation 1."""
         rng = np.random.default_rng(seed)
         family = self.family.drawn(rng)
-        centre = _resting(family, self.home)
-        direction = rng.standard_normal(family.size)
-        cones = self.limit.cones(family)
-        reach = min((_reach(cone, centre, direction) for cone in cones), default=1.0)
-        return family, centre + part * reach * direction
+        return family, _resting(family, self.home), rng.standard_normal(family.size)
+
+    def _measured_inside(self, family: Family, centre: Array, direction: Array) -> Callable[[float], bool]:
+        """Whether the motion at `s` along the direction is measured inside; of use where no cone says it."""
+        trajectory = family.trajectory(centre)
+        rows, t = self.limit.prove(trajectory), np.linspace(0.0, trajectory.duration, PAIRS)
+        lower, upper = (np.array([getattr(row, side) for row in rows]) for side in ("lower", "upper"))
+
+        def inside(s: float) -> bool:
+            values = self.limit.of_motion(family.motion(centre + s * direction, t, 4))
+            return bool(np.all((values >= lower) & (values <= upper)))
+
+        return inside
 
 
 def _resting(family: Family, home: Array) -> Array:
@@ -244,16 +262,17 @@ def _resting(family: Family, home: Array) -> Array:
     return np.asarray(solution)
 
 
-def _reach(cone: Cone, centre: Array, direction: Array) -> float:
-    """Largest s with centre + s direction inside the cone, by bisection."""
+def _in_cone(cone: Cone, centre: Array, direction: Array) -> Callable[[float], bool]:
+    """Whether centre + s direction is inside the cone, as a function of s."""
     u, w = cone.rows @ centre + cone.offset, cone.rows @ direction
     reach, slope = (1.0, 0.0) if cone.slope is None else (1.0 + cone.slope @ centre, cone.slope @ direction)
+    return lambda s: bool(np.all(np.sqrt(((u + s * w) ** 2).sum(axis=0)) <= reach + s * slope))
 
-    def inside(s: float) -> bool:
-        return bool(np.all(np.sqrt(((u + s * w) ** 2).sum(axis=0)) <= reach + s * slope))
 
+def _reach(inside: Callable[[float], bool], largest: float) -> float:
+    """Largest s that is inside, by bisection; about `largest` if none is outside."""
     low, high = 0.0, 1.0
-    while inside(high) and high < 1e9:
+    while inside(high) and high < largest:
         low, high = high, 2.0 * high
     for _ in range(60):
         middle = 0.5 * (low + high)

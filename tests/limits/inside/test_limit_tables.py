@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -363,6 +364,44 @@ def reached(**given: Any) -> LipschitzLimit:
 class TestReached(LimitSuite):
     family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
     limit = reached()
+
+
+class Power:
+    """|acceleration times velocity| of each coordinate: a limit of one's own without cones."""
+
+    name = "power"
+
+    def cones(self, family: Any) -> tuple[()]:
+        return ()
+
+    def penalty(self, motion: Any) -> None:
+        return None
+
+    def of_motion(self, motion: Any) -> Any:
+        return motion.orders[1] * motion.orders[2]
+
+    def prove(self, piece: Trajectory) -> list[Proof]:
+        power = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, 20_001), 3))
+        ends = zip(power.min(axis=0).tolist(), power.max(axis=0).tolist(), strict=True)
+        row = partial(Proof, "q", "power", -9.0, 9.0, method="samples", status="sampled")
+        return [row(*proved) for proved in ends]
+
+
+class TestPower(LimitSuite):
+    """The suite scales its motions to the limit, so the proof is held where it matters."""
+
+    family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
+    limit = Power()
+
+
+def test_a_power_that_is_proved_loosely_is_refused() -> None:
+    class Loose(Power):
+        def prove(self, piece: Trajectory) -> list[Proof]:
+            return [replace(row, proved_upper=row.proved_upper + 1.0) for row in super().prove(piece)]
+
+    suite = type("Suite", (TestPower,), {"limit": Loose()})()
+    with pytest.raises(AssertionError, match="the proof of power of q is loose"):
+        suite.test_the_proof_holds_what_is_measured()
 
 
 def said_by_the_suite(wrong: LipschitzLimit) -> AssertionError | None:
