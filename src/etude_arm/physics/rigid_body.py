@@ -100,7 +100,7 @@ class RigidBodyModel:
     @cached_property
     def geometry(self) -> bytes:
         """The tree and the drives in bytes, to tell whether models have the same."""
-        parts = [self.tree, *self.drives]
+        parts: list[KinematicTree | Drive] = [self.tree, *self.drives]
         values = [getattr(part, field.name) for part in parts for field in fields(part)]
         return b"".join(np.asarray(value).tobytes() for value in values)
 
