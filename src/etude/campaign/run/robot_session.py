@@ -288,7 +288,8 @@ class RobotSession:
         expected = (
             "" if rest is None else f"; at rest there the model file expects {rest[0, joint]:.3g} {unit}"
         )
-        return f" The command of {self.campaign.axes[joint]} was at its limit, {limit[joint]:.3g} {unit}{expected}."
+        axis, most = self.campaign.axes[joint], limit[joint]
+        return f" The command of {axis} was at its limit, {most:.3g} {unit}{expected}."
 
 
 def after_loss(about: About) -> str:
