@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from etude.abilities import SupportsBlocking, SupportsBoxes
-from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
+from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits, last_true
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
@@ -55,6 +55,19 @@ class SampledPoint:
         """The sample, shrunk towards home until its limits pass fast checks."""
         p = nonconvex.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, fast_check=True)
         return self if p is self.p else replace(self, p=p)
+
+    def may_exceed(self, nonconvex: NonconvexLimits, worth: Callable[[Array], float], least: float) -> bool:
+        """Whether the value of `home` may exceed `least`; that of the sample itself does.
+
+        The smaller a motion the less it is worth, and the smaller its commands. So where these fail at a
+        scale of no more than that value, it will not exceed it.
+        """
+        if not nonconvex.growing:
+            return True
+        outside, steps = self.p - self.standing, int(2**FEW_HALVINGS)
+        scale = last_true(lambda k: worth(self.standing + k / steps * outside) <= least, 0, steps)
+        checked = replace(nonconvex, limits=nonconvex.growing)
+        return checked.proved(self.family, self.standing + scale / steps * outside, fast_check=True)
 
     def allowed(self, nonconvex: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:
         """The result p (P,) of a search, shrunk until its limits pass fast checks, and then enlarged where
@@ -251,6 +264,10 @@ class Region(SampledPoint):
     def home(self, nonconvex: NonconvexLimits) -> SampledPoint:  # noqa: ARG002
         """The candidate itself, which already keeps its limits."""
         return self
+
+    def may_exceed(self, nonconvex: NonconvexLimits, worth: Callable[[Array], float], least: float) -> bool:  # noqa: ARG002
+        """True: `home` changes nothing."""
+        return True
 
     def allowed(self, nonconvex: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:  # noqa: ARG002
         """The result p (P,) of a search, shrunk until it is clear, and extended again into free space."""

@@ -73,6 +73,13 @@ class NonconvexLimits:
         ordered = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]
         return cls(tuple(ordered), times, tuple(parts[True]), any(boxed))
 
+    @property
+    def growing(self) -> tuple[Limit, ...]:
+        """Those that a larger motion about the same pose violates too, as a rule: they tell by a witness. An
+        obstacle is none of them: a larger motion may pass it by.
+        """
+        return tuple(limit for limit in self.limits if isinstance(limit, SupportsWitness))
+
     def penalty(self, family: Family, p: Array) -> tuple[float, Array]:
         """Sum of the penalties at p (P,) and its gradient (P,); 0 where all are kept."""
         motion = family.motion(p, self.times, _orders(self.limits))
@@ -233,7 +240,7 @@ def _largest_scale(
     while outside - inside > 1:
         # where the worst instant of a failure passes one step lower, others fail: the middle tells more
         lead = leads > 0 and (held or not passes(outside - 1))
-        leading = _last_true(passes, inside, outside) if lead else inside
+        leading = last_true(passes, inside, outside) if lead else inside
         scale = leading if leading > inside else (inside + outside) // 2
         held = _hold(limits, family, at(scale), fast_check)
         if held:
@@ -243,7 +250,7 @@ def _largest_scale(
     return inside / steps
 
 
-def _last_true(passes: Callable[[int], bool], inside: int, outside: int) -> int:
+def last_true(passes: Callable[[int], bool], inside: int, outside: int) -> int:
     """By bisection: the largest number that passes, of those below `outside`; `inside` if none does."""
     while outside - inside > 1:
         middle = (inside + outside) // 2

@@ -568,8 +568,12 @@ class RankedCandidates:
         """Indices of the `count` candidates with the highest values after shrinking."""
         ranking: list[int] = []
         for place in counted(range(len(self.values))):
-            if len(ranking) >= count and self.values[ranking[count - 1]] >= self.values[place]:
-                break
+            if len(ranking) >= count:
+                one, least = self.candidates[place], self.values[ranking[count - 1]]
+                if least >= self.values[place]:
+                    break
+                if not one.may_exceed(nonconvex, aim.of(one.family).value, least):
+                    continue
             self.draw(aim, nonconvex, place)
             ranking = sorted([*ranking, place], key=lambda i: -self.values[i])
         return ranking[:count]

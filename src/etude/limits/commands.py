@@ -93,6 +93,7 @@ class CommandLimit:
     lasts: float = DECORRELATED
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
     _witness: list[Array] = field(default_factory=list, repr=False)
+    _broken: list[Array] = field(default_factory=list, repr=False)
 
     @property
     def name(self) -> str:
@@ -178,7 +179,7 @@ class CommandLimit:
         if np.all(excess <= 0.0):
             return True
         rows = np.unique(excess.argmax(axis=0)[~np.all(excess <= 0.0, axis=0)])
-        every = max(1, whole_down(apart / float(motion.t[1] - motion.t[0])))
+        every = _every(motion, apart)
         left = rows // every * every
         places = np.stack([rows - 1, rows, left, left + (every if apart else 0)]).clip(0, len(motion.t) - 1)
         self._witness[:] = [motion.t[places] / duration]
@@ -187,10 +188,20 @@ class CommandLimit:
     def violated(self, piece: Trajectory) -> bool:
         """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
         long.
+
+        Among the samples is the worst one of the last proof that failed, as that counts it.
         """
-        mean, deviation = self._moments(self.along(piece, LOOK))
-        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        return bool(np.any(np.abs(mean - middle) + self._counted(piece.duration) * deviation > half))
+        grid = self.along(piece, LOOK).t
+        worst = self._broken[0] * piece.duration if self._broken else np.empty((7, 0))
+        t, rows = np.unique(np.concatenate([grid, worst.ravel()]), return_inverse=True)
+        mean, deviation = self._moments(piece.motion(t, self.orders))
+        off, half = np.abs(mean - 0.5 * (self.upper + self.lower)), 0.5 * (self.upper - self.lower)
+        counted, looked = self._counted(piece.duration), rows[: len(grid)]
+        if np.any(off[looked] + counted * deviation[looked] > half):
+            return True
+        *around, left, right = rows[len(grid) :].reshape(worst.shape)
+        spread = counted * np.maximum(deviation[left], deviation[right])
+        return bool(np.any(off[around[2]] + spread + _curvature(mean[np.array(around)])[2] / 8.0 > half))
 
     def _coarse_check(self, piece: Trajectory) -> bool | None:
         """Decision from few samples: True if they use so little of each limit that the gaps cannot matter,
@@ -253,6 +264,7 @@ class CommandLimit:
         for j, name in enumerate(self.names):
             method = f"{text}; between them at most {bend[:, j].max() / 8.0:.2g} {self.units[j]} more"
             rows.append(_row(name, self.quantity, (self.lower[j], self.upper[j]), (low[j], high[j]), method))
+        self._keep_worst(motion, np.abs(mean - 0.5 * (self.upper + self.lower)) + spread + bend / 8.0)
         slope, more = np.abs(np.diff(mean, axis=0)) / step, bend / (2.0 * step)
         steepest = (slope + np.maximum(more[:-1], more[1:])).max(axis=0)
         for j in self.rated:
@@ -260,6 +272,17 @@ class CommandLimit:
             ends = (-self.rate[j], self.rate[j]), (-steepest[j], steepest[j])
             rows.append(_row(self.names[j], f"{self.quantity} rate", *ends, method))
         return tuple(rows)
+
+    def _keep_worst(self, motion: Motion, most: Array) -> None:
+        """Keep the worst instant of each command (T, J) beyond half its limit, for `violated`: with the two
+        before and after it, and the two samples whose deviations count there.
+        """
+        beyond, every = (most > 0.5 * (self.upper - self.lower)).any(axis=0), _every(motion, COARSE)
+        if beyond.any() and len(most) > 4:
+            at = most[2:-2, beyond].argmax(axis=0) + 2
+            left = at // every * every
+            places = np.stack([at - 2, at - 1, at, at + 1, at + 2, left, left + every])
+            self._broken[:] = [motion.t[places.clip(max=len(most) - 1)] / motion.t[-1]]
 
     def _source_text(self, piece: Trajectory) -> str:
         if self.deviation is None:
@@ -286,8 +309,7 @@ class CommandLimit:
         """(T, J) deviations times b, from samples every `apart` s; the larger of two neighbours counts."""
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
-        step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
-        every = max(1, whole_down(apart / step))
+        every = _every(motion, apart)
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
         deviations = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
@@ -356,6 +378,11 @@ def by_model(
         both=both,
         at_most=None if fast is None else at_most,
     )
+
+
+def _every(motion: Motion, apart: float) -> int:
+    """Number of samples of the motion in `apart` seconds, at least 1."""
+    return max(1, whole_down(apart / float(motion.t[1] - motion.t[0]))) if len(motion.t) > 1 else 1
 
 
 def _row(

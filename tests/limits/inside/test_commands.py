@@ -123,6 +123,20 @@ def test_what_few_samples_exceed_no_proof_holds() -> None:
     assert not told[1.001, 1.001]
 
 
+def test_a_proof_that_fails_shows_where_the_next_one_will() -> None:
+    spread = replace(LIMIT, deviation=lambda motion: 0.1 * np.abs(motion.orders[1]), _proofs={}, _broken=[])
+    most, lower = spread.prove(SWING)[0].proved_upper, np.full(2, -99.0)
+    short, enough = (
+        replace(spread, lower=lower, upper=np.array([most * part, 99.0]), _proofs={})
+        for part in (1.0 - 1e-6, 1.0 + 1e-6)
+    )
+    assert not short.violated(SWING), "few samples do not tell"
+    assert not certify(SWING, [short]).ok
+    assert short.violated(SWING), "the worst of all samples does, counted as the proof counts it"
+    assert not enough.violated(SWING)
+    assert certify(SWING, [enough]).ok
+
+
 def test_a_first_look_passes_only_what_is_far_inside() -> None:
     """It may only say what the closer look says too, and asks so few samples that it pays."""
     asked: list[int] = []
