@@ -36,7 +36,7 @@ WIDTHS = (0.01, 0.06, 0.12)  # of a joint's top speed, over which it may turn ro
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
-# parts of its top speed below which a joint stands, and s for which it is slower: gears stick for 0.2 to 0.5 s
+# parts of its top speed below which a joint stands, and s for which it is slower: gears stick 0.2 to 0.5 s
 # before they turn round
 STANDS = ((STEP_SPEED, 0.5), (0.02, 0.15))
 TURN_SPEED = 0.1  # of top speed, below which a joint turns round
