@@ -436,5 +436,5 @@ class Delivered:
     """
 
     files: Mapping[str, bytes]
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)

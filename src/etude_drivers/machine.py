@@ -36,6 +36,8 @@ HELD = 1e7
 """Damping and inertia of joints that are not the campaign's."""
 SAG = 0.02
 """rad or m by which gravity and friction move a joint off its set-point, at most."""
+RESERVED = "world"
+"""MuJoCo's name of its fixed body."""
 STRIBECK = 0.05
 """rad/s or m/s at which stiction has fallen to 1/e."""
 
@@ -337,10 +339,22 @@ def _of_urdf(root: ElementTree.Element) -> Any:
             link.remove(shape)
     for inertia in root.iter("inertia"):
         _make_possible(inertia)
+    _free_reserved_name(root)
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-6, 1e-9
     spec.compiler.balanceinertia = True
     return spec
+
+
+def _free_reserved_name(root: ElementTree.Element) -> None:
+    """MuJoCo takes any link called world for its own fixed body, and loses the joint that mounts it."""
+    new = RESERVED
+    while any(link.get("name") == new for link in root.iter("link")):
+        new = f"own_{new}"
+    ends = [end for joint in root.iter("joint") for end in joint if end.tag in ("parent", "child")]
+    for element, key in [*((link, "name") for link in root.iter("link")), *((end, "link") for end in ends)]:
+        if element.get(key) == RESERVED:
+            element.set(key, new)
 
 
 def _make_possible(inertia: ElementTree.Element) -> None:

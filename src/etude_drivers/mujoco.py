@@ -78,6 +78,7 @@ class MujocoRobot:
             controls=("feedback", "learned"),
             lower=low,
             upper=high,
+            command=self._machine.effort_limit,
             can_hold=True,
             on_loss="stops",
             stopping_time=LONGEST_BRAKING,

@@ -279,3 +279,24 @@ def test_the_robot_ends_by_itself_when_its_master_is_killed() -> None:
             return
         time.sleep(0.1)
     raise AssertionError("the process of the robot is still there")
+
+
+def test_a_link_called_world_keeps_the_joint_that_mounts_it(tmp_path: Path) -> None:
+    """MuJoCo's own fixed body has that name: the tilt of such a link was lost, and the weight with it."""
+
+    def weight(name: str) -> float:
+        urdf = f"""<robot name="r"><link name="wall"/><link name="{name}"/>
+        <joint name="bolts" type="fixed"><parent link="wall"/><child link="{name}"/>
+        <origin rpy="1.5707963 0 0"/></joint>
+        <link name="arm"><inertial><mass value="2"/><origin xyz="0.5 0 0"/>
+        <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="revolute"><parent link="{name}"/><child link="arm"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="50" velocity="2"/></joint></robot>"""
+        file = tmp_path / f"{name}.urdf"
+        file.write_text(urdf)
+        machine = Machine(("j",), MachineSettings(model=str(file), start={"j": 0.0}))
+        machine.settle()
+        return float(machine.command[0])
+
+    assert weight("world") == pytest.approx(weight("base"), rel=1e-6)
+    assert weight("world") == pytest.approx(2 * 9.81 * 0.5, rel=0.1)

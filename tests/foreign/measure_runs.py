@@ -67,7 +67,7 @@ def of_share(file: str, *joints: str, words: str = "", masses: str = "file", til
     return Robot(share() / file, joints, tuple(words.split()), masses, tilted)
 
 
-FLYING = "--velocity *=3 --command *=2"
+FLYING = "--velocity *=3"
 ROBOTS = {
     "twodof": of_share("asr_twodof_description/urdf/TwoDofs.urdf"),
     "pendulum": of_share(
@@ -189,7 +189,7 @@ def campaign(folder: Path, tries: int) -> dict[str, Any]:
         "confirmed": {k: float(np.nanmean(confirmed[k])) for k in ("without", "with") if k in confirmed},
         "why": said.get("why", ""),
         "why_not": said.get("error")
-        or [*said.get("said", []), *(one.get("sentence", one) for one in said.get("not_promoted", []))],
+        or [*said.get("notes", []), *(one.get("sentence", one) for one in said.get("not_promoted", []))],
         "last": steps.splitlines()[-1:],
     }
 

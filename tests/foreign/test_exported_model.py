@@ -154,8 +154,8 @@ def test_rows_without_times_say_that_they_count_by_themselves(learned: Path) -> 
     backwards = model.predict(states(orders[:, ::-1])).mean[::-1]
     np.testing.assert_allclose(alone.mean, backwards, rtol=1e-9, atol=1e-9)
     remembers = any(op == "memory" for *_, op in model.inputs.columns)
-    assert any("no times" in sentence for sentence in alone.said) == remembers
-    assert model.predict(states(orders, np.arange(20.0))).said == ()
+    assert any("no times" in sentence for sentence in alone.notes) == remembers
+    assert model.predict(states(orders, np.arange(20.0))).notes == ()
 
 
 @pytest.fixture(scope="module")

@@ -473,8 +473,8 @@ def _new_motion(selection: ModelSelection) -> NewMotionScores:
 
     def scored(error: Array, variance: Array | None) -> Figures:
         use = np.isfinite(error)
-        mean = np.where(use, selection.judge - error, 0.0)
-        return figures(selection.judge, mean, variance, use, trivial)
+        mean = np.where(use, selection.score_target - error, 0.0)
+        return figures(selection.score_target, mean, variance, use, trivial)
 
     used, plain = scored(residuals.error, residuals.variance), scored(linear, None)
     values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}

@@ -59,7 +59,7 @@ class Export(Common):
         if not self.fade:
             options["fade"] = False
         exported = export(campaign, self.to, self.output, **options)
-        lines = [*exported.said, "Written:", *(f"  {exported.folder / name}" for name in exported.files)]
+        lines = [*exported.notes, "Written:", *(f"  {exported.folder / name}" for name in exported.files)]
         data = {"target": exported.target, "folder": str(exported.folder), "files": list(exported.files)}
         return Outcome("\n".join(lines), {**data, **exported.facts})
 

@@ -42,7 +42,7 @@ class Payload(Common):
             repair=self.repair,
             say=say,
         )
-        load, lines = weighed.load, list(weighed.said)
+        load, lines = weighed.load, list(weighed.notes)
         if weighed.written is not None:
             lines.append(f"Written: [payload] of {weighed.written}")
             lines.append(

@@ -214,7 +214,7 @@ def _lines(campaign: Campaign, result: RunResult, written: Sequence[str]) -> lis
             for name in ("without", "with")
         ]
     lines = [table([f"mean error, {unit}", "", *campaign.axes], rows, keys=2)] if rows else []
-    lines += [f"Ended: {result.why}.", *result.said]
+    lines += [f"Ended: {result.why}.", *result.notes]
     if result.robot_seconds:
         lines.append(f"The robot moved for {result.robot_seconds:.0f} s and waited for {result.stood:.0f} s.")
     if result.promotion is not None:
@@ -245,6 +245,6 @@ def _data(result: RunResult) -> dict[str, Any]:
         "confirmed": result.confirmed,
         "promoted": promotion is not None and promotion.promoted,
         "not_promoted": [] if promotion is None else [one.facts() for one in promotion.refused],
-        "said": list(result.said),
+        "notes": list(result.notes),
         "planned": result.planned,
     }

@@ -118,8 +118,8 @@ class About:
         learned_as: meaning of `send`'s effort. "": the model's command. The name of an exporter: the learned
             part of the accelerations in its files, m/s^2, in addition to the motion's own. It decreases with
             the speed while a motion is braked.
-        lower, upper, velocity, acceleration, jerk, torque_rate: (J,) limits that the robot enforces;
-            None: it enforces none. envelope: velocity limits by position.
+        lower, upper, velocity, acceleration, jerk, command, torque_rate: (J,) limits that the robot enforces;
+            None: it enforces none. command: where drives saturate. envelope: velocity limits by position.
         can_hold: the robot can obey HOLD and continue after it.
         stop_latency: s from STOP to the first decelerating set-point.
         stopping_time: largest time from `stop` to rest of a moving robot, s; it then holds its pose.
@@ -145,6 +145,7 @@ class About:
     velocity: Array | None = None
     acceleration: Array | None = None
     jerk: Array | None = None
+    command: Array | None = None
     torque_rate: Array | None = None
     envelope: VelocityEnvelope | None = None
     can_hold: bool = False

@@ -118,17 +118,17 @@ class Prediction(tuple[Array, Array]):
 
     Attributes:
         unknown: (n, J) the variance without noise, at rest too, before it is widened.
-        said: sentences about what the answer holds for, such as that rows counted by themselves.
+        notes: sentences about what the answer holds for, such as that rows counted by themselves.
     """
 
     unknown: Array
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, mean: Array, variance: Array, unknown: Array, said: Sequence[str] = ()) -> Prediction:
+    def of(cls, mean: Array, variance: Array, unknown: Array, notes: Sequence[str] = ()) -> Prediction:
         """The pair with what is beside it."""
         prediction = cls((mean, variance))
-        prediction.unknown, prediction.said = unknown, tuple(said)
+        prediction.unknown, prediction.notes = unknown, tuple(notes)
         return prediction
 
     @property
@@ -285,7 +285,7 @@ class LearnedModel:
             fade: False gives the mean of `posterior` everywhere.
 
         Returns:
-            a pair that also says what holds of it, as `Prediction.said`.
+            a pair that also says what holds of it, as `Prediction.notes`.
         """
         run = as_run(log, self.columns, self.inputs)
         return self._prediction(run, iter, fade=fade)
@@ -381,7 +381,7 @@ class LearnedModel:
         command, unknown = average, variance - noise
         if fade:
             command = self._faded(average, unknown, means)
-        return Prediction.of(command, self.widened(variance), unknown, run.said)
+        return Prediction.of(command, self.widened(variance), unknown, run.notes)
 
     def _faded(self, average: Array, unknown: Array, means: Means) -> Array:
         return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)

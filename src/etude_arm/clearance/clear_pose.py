@@ -20,6 +20,9 @@ FAR = 0.12
 """m: larger distances of a pair count as this value."""
 PULL = 0.25
 """Weight of the distance of home from the middle of the ranges, relative to the largest clearance."""
+ROOM = 0.1
+"""Part of its range that home keeps from a joint's ends, where other poses are as good. The margin for
+tracking errors is a part of that distance, and next to an end the sag of the feedback exceeds it."""
 STRAIN = 2.0
 """Weight of what rest takes beyond a drive's limit, with its assumed deviation, as a part of the limit."""
 BOX_POSES = 512  # random poses that find a clear box; its motions are proved later
@@ -50,12 +53,14 @@ def clearest(gaps: Gaps, rng: np.random.Generator, weight: Callable[[Array], Arr
     poses = middle + rng.uniform(0.0, 1.0, (POSES, 1)) * (poses - middle)
     poses[0] = middle
     aside = (((poses - middle) / width) ** 2).sum(axis=1)
+    room = (np.minimum(poses - low, high - poses) / width).min(axis=1)
     if not gaps.list:
         return middle
     distances = gaps.of_poses(poses)
     # 1 µm avoids division by zero for pairs that touch in every pose
     widest = np.clip(distances.max(axis=0), 1e-6, FAR)
     score = np.minimum(distances / widest, 1.0).min(axis=1) - PULL * aside
+    score = score - np.maximum(1.0 - room / ROOM, 0.0)
     score = score if weight is None else score - STRAIN * np.maximum(weight(poses) - 1.0, 0.0)
     return np.asarray(poses[int(score.argmax())])
 

@@ -113,6 +113,8 @@ def test_home_is_where_the_drives_hold_the_arm_with_room() -> None:
     aside = found(lambda at: 2.0 * np.cos(at[:, 0]))
     assert 2.0 * math.cos(aside[0]) < 1.05
     assert abs(aside[0]) < 1.4, "no farther than it must"
+    edge = found(lambda at: 2.0 - 0.5 * np.abs(at[:, 0]))
+    assert 1.45 < abs(edge[0]) <= 1.6, "a tenth of its range is left for what the feedback sags"
 
 
 def test_an_arm_that_is_held_at_home_alone_says_where_it_is_not(tmp_path: Path) -> None:

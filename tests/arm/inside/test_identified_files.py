@@ -205,8 +205,8 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     assert rows["right", "Ixy"]["known"] == "from the file"
     assert max(row["share"] for row in rows.values()) > 0.75
     assert "partly" in {row["known"] for row in rows.values()}
-    assert any("Error on held-out segments" in sentence for sentence in delivered.said)
-    assert not any("do not use" in sentence for sentence in delivered.said)
+    assert any("Error on held-out segments" in sentence for sentence in delivered.notes)
+    assert not any("do not use" in sentence for sentence in delivered.notes)
     with pytest.raises(UsageError, match="motors' constants"):
         URDF(None, KIND, replace(spec, command_unit="A"), given(samples))
     with pytest.raises(UsageError, match="no model file"):
@@ -215,7 +215,7 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
         URDF(None, KIND, spec, given(samples) | {"real": "float"})
     same = told(spec, spec.model_file, FRICTION)
     again = URDF(None, KIND, spec, given(same))
-    assert any("predict equally well" in sentence for sentence in again.said)
+    assert any("predict equally well" in sentence for sentence in again.notes)
     assert found.measured == delivered.facts["told"] <= found.shown
 
 
@@ -226,7 +226,7 @@ def test_a_urdf_is_right_beside_the_payload_that_is_printed(tmp_path: Path) -> N
     carried = Attached(mass=0.5, centre=(0.0, 0.02, 0.1), inertia=(1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0))
     spec = replace(spec_of(path), payload=carried)
     delivered = URDF(None, KIND, spec, given(told(spec, real, FRICTION)))
-    (printed,) = (line.partition("[payload] ")[2] for line in delivered.said if "[payload]" in line)
+    (printed,) = (line.partition("[payload] ")[2] for line in delivered.notes if "[payload]" in line)
     table = tomllib.loads(re.sub(r", (?=[a-z])", "\n", printed.rstrip(".")))
     new = path.with_name("new.urdf")
     new.write_bytes(delivered.files["arm.urdf"])

@@ -153,10 +153,10 @@ def test_the_target_says_how_the_file_predicts_the_logs(tmp_path: Path) -> None:
         beside = played["file"][name] ** 2 - played["physics"][name] ** 2
         assert beside < (0.2 * friction) ** 2, "friction that turns over with speed is all that it lacks"
         assert played["drives"][name] == played["file"][name]
-    assert "The logs show no cogging and no Stribeck's dip." in delivered.said
+    assert "The logs show no cogging and no Stribeck's dip." in delivered.notes
     assert not [file for file in delivered.files if "cogging" in file or "drives" in file]
-    assert any("MuJoCo's inverse dynamics of the file" in sentence for sentence in delivered.said)
-    assert any("no Stribeck's dip" in sentence for sentence in delivered.said)
+    assert any("MuJoCo's inverse dynamics of the file" in sentence for sentence in delivered.notes)
+    assert any("no Stribeck's dip" in sentence for sentence in delivered.notes)
     assert "no Stribeck's dip" in delivered.files["README.md"].decode()
     with pytest.raises(UsageError, match="motors' constants"):
         MJCF(None, KIND, replace(spec, command_unit="A"), given(samples))

@@ -129,7 +129,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     robot, limits = given(tmp_path, names, odd)
     spec = spec_from_model(robot, joint_limits=limits).spec
     delivered = JOINT_LIMITS(None, KIND, spec, {})
-    assert any("Acceleration limits are assumed" in line for line in delivered.said) is bool(spec.confirm)
+    assert any("Acceleration limits are assumed" in line for line in delivered.notes) is bool(spec.confirm)
     again = tmp_path / "again.yaml"
     again.write_bytes(delivered.files["joint_limits.yaml"])
     found = read(again)

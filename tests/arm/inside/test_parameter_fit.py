@@ -333,7 +333,7 @@ def test_the_tables_say_what_is_known(robot: tuple[ArmSpec, Path]) -> None:
     assert coulomb["lower"] < FRICTION[0] < coulomb["upper"]
     assert coulomb["shown"]
     assert friction[NAMES[0], "load"]["lower"] is None
-    assert any("combinations" in sentence for sentence in delivered.said)
+    assert any("combinations" in sentence for sentence in delivered.notes)
     assert "measured" in delivered.files["README.md"].decode()
 
 
@@ -342,7 +342,7 @@ def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> 
     samples = samples_of(spec, robot[1], usual, 2)
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert any("masses need the motors' constants" in sentence for sentence in delivered.said)
+    assert any("masses need the motors' constants" in sentence for sentence in delivered.notes)
     friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
     assert friction[NAMES[0], "coulomb"]["unit"] == "V"
     assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
@@ -356,7 +356,7 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     samples = samples.take(slice(None, None, len(samples) // 250))
     delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
-    assert "only friction is identified" in delivered.said[0]
+    assert "only friction is identified" in delivered.notes[0]
     rows = {(row["joint"], row["term"]): row for row in delivered.facts["friction"]}
     for name, level in zip(NAMES, FRICTION, strict=True):
         coulomb = rows[name, "coulomb"]
@@ -367,8 +367,8 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
     assert b"_friction(" in delivered.files["friction.h"]
     apart = replace(samples, group=np.arange(len(samples)))
     one_way = PARAMETERS(None, KIND, spec, {**given(apart), "logs": ()})
-    assert one_way.said[1].startswith(f"No interval is stated for {', '.join(NAMES)}: ")
+    assert one_way.notes[1].startswith(f"No interval is stated for {', '.join(NAMES)}: ")
     assert all(row["lower"] is None for row in one_way.facts["friction"])
     still = replace(samples, moving=np.zeros_like(samples.moving))
     rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
-    assert all("the logs show no term" in sentence for sentence in rest.said[1:])
+    assert all("the logs show no term" in sentence for sentence in rest.notes[1:])

@@ -283,7 +283,7 @@ def test_a_spent_budget_stops_and_does_not_praise_the_model(harm: dict[str, Any]
 def test_where_no_rule_has_fired_the_reason_stands_alone(harm: dict[str, Any]) -> None:
     for logs, code in ((1, Stop.LOGS_MISSING), (2, Stop.OPEN)):
         found = stop_verdict(series(*[{}] * (logs - 1), harm), CONFIG)
-        assert (found.said.code, found.usable, ", but " in found.reason) == (code, False, False)
+        assert (found.notice.code, found.usable, ", but " in found.reason) == (code, False, False)
     doubted = {"forecast": 0.01, "calibration": 2.5}
     found = stop_verdict(series(doubted, {**doubted, **harm}), CONFIG)
-    assert (found.said.code, found.reason.count(", but ")) == (Stop.DOUBTED, 2)
+    assert (found.notice.code, found.reason.count(", but ")) == (Stop.DOUBTED, 2)

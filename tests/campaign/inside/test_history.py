@@ -62,7 +62,7 @@ def test_a_forecast_of_slow_logs_stops_nothing_and_is_not_shown(campaign: Campai
     for warnings, code in (([], Stop.TOLERANCE), ([notice.to_json()], Stop.DOUBTED)):
         evidence = seen_by_the_rule(campaign, state(*[[1.0, 1.0]] * 4, **good, warnings=warnings))
         config = replace(campaign.config.stop, command_tolerance=0.01)
-        assert stop_verdict(evidence, config).said.code == code
+        assert stop_verdict(evidence, config).notice.code == code
         assert (expected_error(state([1.0, 1.0]), evidence) is None) == bool(warnings)
     single = replace(trained(**good, chosen="gp"), logs=(1,))
     assert expected_error(State(rounds={1: Round(1, trained=single, order=1)}), evidence[:1]) is None

@@ -63,8 +63,8 @@ def test_it_is_written_once_and_added_to_what_was_there(
     shutil.copytree(lab.path, tmp_path / "lab")
     log = carrying(tmp_path / "run.csv", lab, random_motion(lab, 5), KG)
     found = payload(lab, log)
-    assert f"{found.load.mass:.3g} kg +- " in found.said[0]
-    assert "y cannot be determined" in found.said[1], "no axis of the arm turns the load's y up"
+    assert f"{found.load.mass:.3g} kg +- " in found.notes[0]
+    assert "y cannot be determined" in found.notes[1], "no axis of the arm turns the load's y up"
     assert found.written is None
     words = ["payload", str(tmp_path / "lab"), "--log", str(log)]
     assert main([*words, "--write", "--json"]) == 0
@@ -100,8 +100,8 @@ def test_the_motion_that_is_asked_for_shows_most(
     log = carrying(tmp_path / "run.csv", own, motion, KG, motion.duration)
     found = payload(own, log)
     designed = found.load
-    assert not any("etude ask" in sentence for sentence in found.said), "it was just recorded"
-    assert "This log is of the motion that identifies the payload best." in found.said, "y cannot be told"
+    assert not any("etude ask" in sentence for sentence in found.notes), "it was just recorded"
+    assert "This log is of the motion that identifies the payload best." in found.notes, "y cannot be told"
     assert abs(designed.mass - KG) < 2.5 * designed.deviation
     random = [
         payload(own, carrying(tmp_path / "random.csv", own, random_motion(own, seed), KG, 10.0)).load
@@ -126,7 +126,7 @@ def test_a_log_of_another_robot_is_no_load(lab: Campaign, tmp_path: Path) -> Non
     """Links and friction differ, which no load explains; inverted commands can be repaired as tell would."""
     motion = random_motion(lab, 5)
     log = carrying(tmp_path / "own.csv", lab, motion, 0.0)
-    assert not any("more than a load has changed" in sentence for sentence in payload(lab, log).said)
+    assert not any("more than a load has changed" in sentence for sentence in payload(lab, log).notes)
     rows = np.genfromtxt(log, delimiter=",", names=True)
     names = list(rows.dtype.names)
     commands = [name for name in names if name.startswith(("tau", "command"))]
@@ -136,7 +136,7 @@ def test_a_log_of_another_robot_is_no_load(lab: Campaign, tmp_path: Path) -> Non
     table = np.array([rows[name] for name in names]).T
     other = tmp_path / "other.csv"
     np.savetxt(other, table, "%.8g", ",", header=log.read_text().splitlines()[0], comments="")
-    assert "more than a load has changed" in payload(lab, other).said[-1]
+    assert "more than a load has changed" in payload(lab, other).notes[-1]
 
 
 def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(

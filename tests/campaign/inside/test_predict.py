@@ -146,8 +146,8 @@ def test_an_export_is_written_whole_and_replaces_only_its_own(lab: Path, tmp_pat
 def test_another_package_s_target_is_a_function(lab: Path, tmp_path: Path) -> None:
     found = export(lab, "test_predict:listing", tmp_path / "list", prefix="- ")
     assert (tmp_path / "list" / "commands.txt").read_text() == "- waist\n- shoulder\n- elbow\n- wrist\n"
-    assert found.said[0].startswith("No model was promoted yet. The newest model is used, of log 1")
-    assert found.said[1:] == ("4 commands.",)
+    assert found.notes[0].startswith("No model was promoted yet. The newest model is used, of log 1")
+    assert found.notes[1:] == ("4 commands.",)
     with pytest.raises(UsageError, match="there is no target of models 'd'"):
         export(lab, "d")
 

@@ -30,6 +30,7 @@ from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.ingest.robot_changed import answer
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run import robot_session
 from etude.campaign.run.campaign_run import MOST_AFTER_STOP, connected, learn
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
@@ -225,6 +226,7 @@ ENVELOPE = VelocityEnvelope(
             "enforces jerk 500 of hip, but robot.toml has no such limit",
         ),
         ({"torque_rate": np.array([80.0, 1000.0])}, "enforces torque_rate 80 of knee"),
+        ({"command": np.array([4.0, 1000.0])}, "enforces command 4 of knee"),
         ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, but robot.toml allows 0\.9 there"),
         (
             {"envelope": ENVELOPE, "acceleration": np.array([1.5, 9.0])},
@@ -266,7 +268,7 @@ def test_a_line_to_confirm_blocks_a_real_robot_alone(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="No floor is assumed"):
         moved(campaign, Robot(real=True))
     moved(campaign, Robot(), person, dry=True)
-    assert moved(campaign, Robot(), dry=True).said[-1].endswith("No floor is assumed.")
+    assert moved(campaign, Robot(), dry=True).notes[-1].endswith("No floor is assumed.")
 
 
 def test_nobody_agrees_for_a_real_robot(tmp_path: Path) -> None:
@@ -281,7 +283,7 @@ def test_nobody_agrees_for_a_real_robot(tmp_path: Path) -> None:
 
 def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot()
-    said = moved(campaign, robot, dry=True).said
+    said = moved(campaign, robot, dry=True).notes
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
     assert any("the beginning of motion 1 at 25 %" in own for own in said)
@@ -296,7 +298,7 @@ def test_masses_that_allow_no_motion_are_waived_in_a_simulation(tmp_path: Path) 
         moved(campaign, Robot(("hip", "knee"), real=True), dry=True)
     found = moved(campaign, Robot(("hip", "knee")), dry=True)
     assert found.planned is not None
-    assert any("No motion is possible with the numbers" in line for line in found.said)
+    assert any("No motion is possible with the numbers" in line for line in found.notes)
 
 
 def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
@@ -321,7 +323,7 @@ def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> 
 
 def test_a_person_agrees_to_where_the_whole_motion_goes(tmp_path: Path) -> None:
     campaign = lab(tmp_path, 20.0)
-    said = moved(campaign, Robot(), dry=True).said
+    said = moved(campaign, Robot(), dry=True).notes
     whole = proposal_motion(campaign, 1, "feedback").trajectory
     q = whole.motion(np.linspace(0.0, whole.duration, 500), 1).orders[0]
     ends = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
@@ -366,14 +368,18 @@ class Weak(Robot):
 
 
 @pytest.mark.parametrize("part", [1.0, 0.5])
-def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, part: float) -> None:
+def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(
+    tmp_path: Path, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     campaign, robot = lab(tmp_path), Weak()
+    monkeypatch.setattr(robot_session, "file_gravity", lambda _, q: np.array([[0.5, 3.21]]) + 0.0 * q)
     robot.most = part * float(campaign.kind.limit(campaign.spec)[1])
     robot.at = {1: lambda: robot.blocked.__setitem__(0, True)}
     with pytest.raises(RobotStopped) as found:
         moved(campaign, robot)
     said = found.value.next_step
     assert ("command of knee was at its limit" in said) == (part == 1.0)
+    assert ("; at rest there the model file expects 3.21 N m." in said) == (part == 1.0)
     assert "Remove the cause, then: etude run" in said
     assert (
         f"limits, masses or home in robot.toml, and write another motion: etude ask {campaign.path} --new"
@@ -792,7 +798,7 @@ def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixtu
     assert cli.main(["run", str(driven.path), "--dry-run", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["why"] == "nothing was moved: --dry-run"
-    assert any("3 motions" in own for own in found["said"])
+    assert any("3 motions" in own for own in found["notes"])
     assert (found["planned"], found["view"]) == (1, ""), "a robot without a model file has no drawing"
     assert cli.main(["run", str(driven.path), "--dry-run", "--rounds", "0"]) == 2
     assert cli.main(["run", str(driven.path), "--on", "nobody"]) == 2
@@ -928,6 +934,14 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
         np.array(f.residual) for f in facts(campaign, MotionEnded) if f.control == "learned" and f.residual
     ]
     assert np.all(pushed > 2.0 * np.max(ways, axis=0)), "a way begins anywhere in the band of friction"
+    ran = replace(proposal_motion(campaign, 2, "learned"), learned=learned)
+    slow, own_speed, fast = (
+        replace(ran, trajectory=ran.trajectory.slowed(factor)).bounds(campaign, robot.about()).residual
+        for factor in (2.0, 1.0, 0.2)
+    )
+    np.testing.assert_array_equal(slow, own_speed)
+    assert fast is not None
+    assert np.all(fast > 4.0 * 2.0 * np.max(ways, axis=0)), "what a model misses grows with the speed"
     alone = 2.0 * np.max([f for f, own in zip(seen, whole, strict=True) if own], axis=0)
     faded = replace(motion, control="learned").bounds(campaign, robot.about()).error
     assert np.all(faded >= alone), "where a model knows nothing the feedback is left"

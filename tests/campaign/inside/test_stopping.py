@@ -68,7 +68,7 @@ def test_the_budget_fires_at_once() -> None:
 def test_a_tolerance_is_not_believed_of_a_doubtful_model(doubt: dict[str, object], words: str) -> None:
     verdict = stop_verdict(series({"forecast": 0.01}, {"forecast": 0.01, **doubt}), CONFIG)
     assert not verdict.stop
-    assert verdict.said.code == Stop.DOUBTED
+    assert verdict.notice.code == Stop.DOUBTED
     assert words in verdict.reason
     assert stop_verdict(series({"noise_ratio": 0.0}, {"noise_ratio": 0.0, **doubt}), CONFIG).rule == "noise"
 

@@ -62,7 +62,7 @@ def test_commands_that_are_no_forces_go_into_the_table_alone(here: World) -> Non
     pwm = replace(here, spec=replace(here.spec, command_unit="pwm"))
     found = along(pwm)
     assert set(found.files) == {"trajectory.json", "commands.csv", "certificate.json"}
-    assert "commands of 'arm4' are in pwm" in found.said[1]
+    assert "commands of 'arm4' are in pwm" in found.notes[1]
     with pytest.raises(UsageError, match="are in pwm"):
         along(pwm, format="ros2_csv")
 

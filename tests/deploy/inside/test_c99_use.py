@@ -203,7 +203,7 @@ def test_joints_with_odd_names_are_mangled_and_listed(tmp_path: Path) -> None:
         (tmp_path / file).write_bytes(data)
     run([tool("gcc"), *STRICT, "-O0", "n_4dof_Arm.c", "n_4dof_Arm_test.c", "-lm", "-o", "t"], tmp_path)
     run(["./t"], tmp_path)
-    said = C99(made.plan.model, ARM, odd, {"name": "x"}).said
+    said = C99(made.plan.model, ARM, odd, {"name": "x"}).notes
     assert any("'a*/b/*c' is a__b__c in C" in sentence for sentence in said)
 
 
@@ -263,22 +263,22 @@ def test_a_rate_that_nothing_keeps_is_refused_before_it_is_compiled(monkeypatch:
     assert single < whole
     assert float(ways.split("--no-fade takes about ")[1].split()[0]) < whole
     monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
-    assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
+    assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).notes)
 
 
 def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
     both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
-    said = {one: C99(both, ARM, arm_spec(), {"single": one}).said for one in (True, False)}
+    said = {one: C99(both, ARM, arm_spec(), {"single": one}).notes for one in (True, False)}
     alone, whole = (next(_us(s) for s in said[one] if "call takes" in s) for one in (True, False))
     assert alone < 0.7 * whole
     between = 1e6 / (0.5 * (alone + whole))
     found = C99(both, ARM, arm_spec(), {"rate": between})
-    assert not any(s.startswith("WARNING") for s in found.said)
-    (why,) = (s for s in found.said if "of each command is written" in s)
+    assert not any(s.startswith("WARNING") for s in found.notes)
+    (why,) = (s for s in found.notes if "of each command is written" in s)
     assert float(why.split()[3]) == pytest.approx(whole, rel=0.2)
     assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
-    (apart,) = (s for s in found.said if s.startswith("etude predict averages the candidates."))
+    (apart,) = (s for s in found.notes if s.startswith("etude predict averages the candidates."))
     assert any(float(word) > 0.0 for word in re.findall(r"(\S+) pwm", apart))
     # where no rate is named all of them are written, and where none keeps it the points that would are said
     assert found.files != C99(both, ARM, arm_spec(), {}).files
@@ -294,9 +294,9 @@ def _us(said: str) -> float:
 def test_the_time_of_a_call_is_told_where_no_rate_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("etude.deploy.targets.c99.target.built", lambda *_: None)
     model = arm_model("exact", "ard_se", points=24)
-    assert any("of the time at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
+    assert any("of the time at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).notes)
     monkeypatch.setattr("etude.deploy.targets.c99.target.CLOCK", 1e6)
-    assert any("more than the 1000 us at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
+    assert any("more than the 1000 us at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).notes)
 
 
 def test_the_best_candidate_alone_is_the_one_that_weighs_most() -> None:

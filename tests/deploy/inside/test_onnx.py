@@ -202,7 +202,7 @@ def test_any_outputs_together_are_right(variance: bool | str, fade: bool | str, 
     assert list(own) == ["command", *["variance"] * bool(variance), "outside"]
     assert np.abs(own["command"] - told.mean).max() <= 1e-4 * LIMIT.min()
     assert (own["outside"] == model.outside(log)).all()
-    assert ("Outside: " in " ".join(found.said)) is (fade is True)
+    assert ("Outside: " in " ".join(found.notes)) is (fade is True)
 
 
 def ahead(log: Log, rows: int) -> Log:
@@ -289,4 +289,4 @@ def test_memory_is_carried_from_call_to_call() -> None:
     command = run_rows(data, parts, states)["command"]
     assert parts.memory == 2 * 9
     assert np.abs(command[:12] - command[:11:-1])[1:-1].max() > 0.01 * LIMIT.min()
-    assert "zeros at the start of a run" in " ".join(found.said)
+    assert "zeros at the start of a run" in " ".join(found.notes)

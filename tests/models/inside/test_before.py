@@ -20,7 +20,7 @@ def selection(own: Any, **held_out: Any) -> Any:
     held = {name: SimpleNamespace(error=error) for name, error in held_out.items()}
     command = np.random.default_rng(7).normal(size=own.shape)
     samples = SimpleNamespace(group=group)
-    return SimpleNamespace(held_out=held, left_out=left, judge=command, samples=samples)
+    return SimpleNamespace(held_out=held, left_out=left, score_target=command, samples=samples)
 
 
 @pytest.fixture

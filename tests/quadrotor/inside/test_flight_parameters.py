@@ -95,7 +95,7 @@ def told(spec: Any, logs: list[Log]) -> dict[str, dict[str, Any]]:
     """The rows of parameters.json by name."""
     target = plugins.load("etude.targets", "parameters")
     found = target(None, KIND, spec, {"samples": None, "config": None, "logs": logs, "model_hash": ""})
-    assert len(found.said) == len(found.facts["parameters"])
+    assert len(found.notes) == len(found.facts["parameters"])
     rows = json.loads(found.files["parameters.json"])
     assert found.files["parameters.csv"].decode().count("\n") == len(rows) + 1
     return {row["parameter"]: row for row in rows}

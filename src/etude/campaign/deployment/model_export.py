@@ -40,13 +40,13 @@ class ModelFiles:
     Attributes:
         target: its name among `etude.targets`.
         folder: where the files are; files: their names in it.
-        said: sentences on the model and the files, for users. facts: the same for programs.
+        notes: sentences on the model and the files, for users. facts: the same for programs.
     """
 
     target: str
     folder: Path
     files: tuple[str, ...]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     facts: Mapping[str, Any]
 
 
@@ -168,7 +168,7 @@ def export(
         delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
     write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
-    sentences = (used.sentence, *delivered.said, *_recorded(campaign, to, folder, used.sha256))
+    sentences = (used.sentence, *delivered.notes, *_recorded(campaign, to, folder, used.sha256))
     return ModelFiles(to, folder, tuple(delivered.files), sentences, delivered.facts)
 
 

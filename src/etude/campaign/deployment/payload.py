@@ -40,12 +40,12 @@ class Weighed:
 
     Attributes:
         used: the model that it was compared with. load: the load found.
-        said: sentences on the load. written: the robot.toml that was changed; None if none was.
+        notes: sentences on the load. written: the robot.toml that was changed; None if none was.
     """
 
     used: DeployedModel
     load: Load
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     written: Path | None = None
 
 

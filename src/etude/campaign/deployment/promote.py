@@ -25,7 +25,7 @@ from etude.models.accuracy import (
     uncalibrated,
 )
 from etude.models.config import LEAST_SEGMENTS
-from etude.models.data.fit_data import in_order, judge
+from etude.models.data.fit_data import in_order, score_target
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.model_selection import CONSTANT, CrossValidationResiduals, read_residuals
 from etude.storage import sha256_of
@@ -209,7 +209,7 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
             "all logs again.",
         )
     fresh = _fresh_logs(campaign, state, logs, set(promoted.logs))
-    error = _errors(before, samples, judge(samples, campaign.config.model))
+    error = _errors(before, samples, score_target(samples, campaign.config.model))
     # the same samples, as a paired comparison needs
     both = np.isfinite(left_out.error) & np.isfinite(error)
     newest, deployed = (np.where(both, e, np.nan) for e in (left_out.error, error))

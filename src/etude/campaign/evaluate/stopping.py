@@ -78,11 +78,11 @@ class Verdict:
     """Result of the stop rules, with the reason.
 
     Attributes:
-        said: result of the rules.
+        notice: result of the rules.
         harm: reason not to use the model despite the rules; None if there is none.
     """
 
-    said: Notice
+    notice: Notice
     harm: Notice | None = None
 
     @property
@@ -92,7 +92,7 @@ class Verdict:
 
         The budget rule applies in both cases.
         """
-        rule = RULES.get(self.said.code, "")
+        rule = RULES.get(self.notice.code, "")
         return rule if rule == "budget" or self.usable else ""
 
     @property
@@ -108,15 +108,15 @@ class Verdict:
     @property
     def reason(self) -> str:
         """One sentence."""
-        if self.harm is None or self.said.code in GOES_ON:
-            return f"{self.said.sentence}."
-        return f"{self.said.sentence}, but {self.harm.sentence}."
+        if self.harm is None or self.notice.code in GOES_ON:
+            return f"{self.notice.sentence}."
+        return f"{self.notice.sentence}, but {self.harm.sentence}."
 
     def facts(self) -> dict[str, Any]:
         """JSON values for `--json`."""
         harm = None if self.harm is None else self.harm.facts()
         values = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
-        return {**self.said.to_json(), **values, "harm": harm}
+        return {**self.notice.to_json(), **values, "harm": harm}
 
 
 def stop_verdict(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:

@@ -108,7 +108,7 @@ class RunResult:
         rounds: motions for training. why: reason of its end, a sentence.
         robot_seconds: of motion, with transfers and careful steps. stood: s that the robot stood and waited.
         confirmed: result of the confirmation motion, as in `status`; None without one.
-        promotion: outcome for the newest model; None if it was not requested. said: further sentences.
+        promotion: outcome for the newest model; None if it was not requested. notes: further sentences.
         planned: number of the first motion of a dry run; None: it is a confirmation motion, or it ran.
         approach: from the robot's pose to that motion; None: it stands there.
     """
@@ -119,7 +119,7 @@ class RunResult:
     stood: float = 0.0
     confirmed: Mapping[str, Any] | None = None
     promotion: Promotion | None = None
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     planned: int | None = None
     approach: Trajectory | None = None
 
@@ -231,7 +231,7 @@ def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: 
     if options.dry:
         number = None if first is None else first.number
         return RunResult(
-            why="nothing was moved: --dry-run", said=tuple(sentences), planned=number, approach=loop.approach
+            why="nothing was moved: --dry-run", notes=tuple(sentences), planned=number, approach=loop.approach
         )
     _require_agreed(session.person, session.about, options, sentences)
     with _journaled(session.campaign, session.about, options):

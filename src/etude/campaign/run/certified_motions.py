@@ -19,7 +19,7 @@ from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
 from etude.campaign.run.run_history import FULL
-from etude.campaign.run.supervision import bounds_for
+from etude.campaign.run.supervision import bounds_for, peak_speeds
 from etude.deploy.playback_certificate import certified_playback, learned_part
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
@@ -261,16 +261,10 @@ def _pace(campaign: Campaign, motion: Trajectory, paths: There) -> float:
     rate = next((c.name for c in campaign.channels if c.derivative_of == campaign.kind.path), "")
     limits = campaign.kind.expected(campaign.spec).limits.get(rate)
     slow = np.zeros(len(campaign.axes)) if limits is None else SLOW * np.minimum(limits[1], -limits[0])
-    least = np.maximum(_peak_speeds(motion), np.where(np.isfinite(slow), slow, 0.0))
-    fastest = np.maximum(_peak_speeds(paths.approach), _peak_speeds(paths.back))
+    least = np.maximum(peak_speeds(motion), np.where(np.isfinite(slow), slow, 0.0))
+    fastest = np.maximum(peak_speeds(paths.approach), peak_speeds(paths.back))
     moving = (fastest > 0.0) & (least > 0.0)
     return float(np.min(least[moving] / fastest[moving], initial=1.0))
-
-
-def _peak_speeds(trajectory: Trajectory) -> Array:
-    """(k,) rad/s or m/s, among samples every 10 ms."""
-    t = np.linspace(0.0, trajectory.duration, 2 + int(100.0 * trajectory.duration))
-    return np.asarray(np.abs(trajectory.motion(t, 2).orders[1]).max(axis=0))
 
 
 def _no_approach(

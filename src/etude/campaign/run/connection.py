@@ -55,7 +55,7 @@ class ConnectedRobot:
 
     def plan(self) -> tuple[str, ...]:
         """Sentences on the planned motions; nothing moves."""
-        return self._closed(replace(self.options, dry=True)).said
+        return self._closed(replace(self.options, dry=True)).notes
 
     def run(self, rounds: int = 0) -> RunResult:
         """Closes the loop for so many motions; 0: until the stop rule fires. Errors as `run_campaign`."""

@@ -22,7 +22,7 @@ from etude.types import Array
 
 STATED = ("command_of", "gravity_in_command")
 """Fields of `About` that may be None, which blocks."""
-ENFORCED = ("lower", "upper", "velocity", "acceleration", "jerk", "torque_rate")
+ENFORCED = ("lower", "upper", "velocity", "acceleration", "jerk", "command", "torque_rate")
 """Fields of `About` and keys of the robot's file."""
 LONGEST_SILENCE = 0.4
 """s within which a lost link has to be noticed."""

@@ -125,5 +125,12 @@ def _whole_motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
     return [fact for fact in _motions(events, control) if _is_whole(fact)]
 
 
+def whole_numbers(events: Sequence[Event], control: str) -> list[int]:
+    """Numbers of the whole motions that ended well at full speed under that control, oldest first."""
+    whole = _whole_motions(events, control)
+    numbers = [e.number for e in events if any(e.fact is fact for fact in whole)]
+    return list(dict.fromkeys(number for number in numbers if number is not None))
+
+
 def _is_whole(fact: MotionEnded) -> bool:
     return not fact.first and fact.speed == FULL and fact.ended == Ended.DONE.value

@@ -11,7 +11,8 @@ from etude.campaign.propose.constraints import Constraints, ranges_of
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event
 from etude.campaign.record.folder import Campaign
-from etude.campaign.run.run_history import measured_errors, measured_residuals
+from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.run.run_history import measured_errors, measured_residuals, whole_numbers
 from etude.drivers import About, Bounds
 from etude.limits.tracking_margins import margins_of
 from etude.protocols import Trajectory
@@ -30,6 +31,8 @@ STRONGER = 1.05  # the same of commands, which drives cut at their limit
 DEVIATIONS, OF_DRIVE = 4.0, 0.05
 """Deviations of the model, and part of what a drive can give, below which no residual of commands stops a
 motion: another form of motion errs by more than those that were recorded."""
+MOST_BEYOND = 2.0
+"""Times the recorded speeds that widen the bound of residuals; faster than that a motion is too different."""
 
 
 def bounds_for(
@@ -62,7 +65,11 @@ def bounds_for(
         silence=about.silence,
         effort=None if command is None else STRONGER * np.asarray(command[1]),
         residual=_residual_bound(
-            events, control, deviation, None if command is None else np.asarray(command[1])
+            _beyond_recorded(campaign, trajectory, control, events),
+            events,
+            control,
+            deviation,
+            None if command is None else np.asarray(command[1]),
         ),
     )
 
@@ -112,15 +119,36 @@ def margin_before_logs(campaign: Campaign, trajectory: Trajectory) -> Array:
     return np.asarray(np.max([np.asarray(table)[0] for table, _ in start.values()], axis=0))
 
 
+def _beyond_recorded(
+    campaign: Campaign, trajectory: Trajectory, control: str, events: Sequence[Event]
+) -> float:
+    """Factor on residuals of a motion that is faster than the recorded ones; 1 if it is not.
+
+    Forces of motion grow with the square of the speed, and so does what a model misses of them.
+    """
+    before = [peak_speeds(stored_trajectory(campaign, number)) for number in whole_numbers(events, control)]
+    if not before:
+        return 1.0
+    fastest, now = np.max(before, axis=0), peak_speeds(trajectory)
+    ratio = np.divide(now, fastest, out=np.ones_like(now), where=fastest > 0.0)
+    return min(max(1.0, float(ratio.max())), MOST_BEYOND) ** 2
+
+
+def peak_speeds(trajectory: Trajectory) -> Array:
+    """(k,) rad/s or m/s, among samples every 10 ms."""
+    t = np.linspace(0.0, trajectory.duration, 2 + int(100.0 * trajectory.duration))
+    return np.asarray(np.abs(trajectory.motion(t, 2).orders[1]).max(axis=0))
+
+
 def _residual_bound(
-    events: Sequence[Event], control: str, deviation: Array | None, drive: Array | None
+    faster: float, events: Sequence[Event], control: str, deviation: Array | None, drive: Array | None
 ) -> Array | None:
     """(k,) bound of the residual; None before recordings under the learned command.
 
-    drive: (k,) largest commands; None: unknown.
+    faster: factor on recorded residuals. drive: (k,) largest commands; None: unknown.
     """
     residuals = measured_residuals(events, control) if deviation is not None else None
     if residuals is None or deviation is None:
         return None
-    bound = np.maximum(OF_MEASURED * residuals.expected, DEVIATIONS * deviation.max(axis=0))
+    bound = np.maximum(OF_MEASURED * faster * residuals.expected, DEVIATIONS * deviation.max(axis=0))
     return np.asarray(bound if drive is None else np.maximum(bound, OF_DRIVE * drive))

@@ -28,11 +28,11 @@ class Run:
 
     Attributes:
         log: with what friction remembers of the rows before, where they follow one another.
-        said: sentences about that.
+        notes: sentences about that.
     """
 
     log: Log
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @runtime_checkable

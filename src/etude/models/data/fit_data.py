@@ -56,9 +56,9 @@ class Folds:
     scored: Mask | None = None
 
     @property
-    def judge(self) -> Array:
+    def score_target(self) -> Array:
         """(n, J) what errors are of."""
-        return judge(self.samples, self.config)
+        return score_target(self.samples, self.config)
 
     @property
     def error_mask(self) -> Mask:
@@ -131,7 +131,7 @@ def spread_points(
     return np.asarray(candidates[places.astype(np.int64)])
 
 
-def judge(samples: Samples, config: ModelConfig) -> Array:
+def score_target(samples: Samples, config: ModelConfig) -> Array:
     """(n, J) commands that errors on samples left out are of: where candidates are stacked, one target."""
     return samples.target if config.stacks else samples.command
 

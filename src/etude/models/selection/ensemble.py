@@ -262,7 +262,7 @@ def everywhere(folds: Folds, learned: LearnedStructure, compared: Mask) -> tuple
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, learned.base)
         predictions = _filled(predictions, more)
-    beside = (folds.judge - folds.samples.command)[:, outputs]
+    beside = (folds.score_target - folds.samples.command)[:, outputs]
     error = predictions.error if folds.scored is None else np.where(mask, predictions.error + beside, np.nan)
     return error, predictions.variance * candidate.calibration
 

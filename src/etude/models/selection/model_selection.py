@@ -78,7 +78,7 @@ class ModelSelection:
             calibrated.
         scores: by structure, of the same.
         left_out: of the choice, the same as `held_out`.
-        samples: those that it is of, in their order. judge: (n, J) commands that errors are of.
+        samples: those that it is of, in their order. score_target: (n, J) commands that errors are of.
     """
 
     model: LearnedModel
@@ -87,7 +87,7 @@ class ModelSelection:
     scores: dict[str, PredictionScore]
     left_out: HeldOut
     samples: Samples
-    judge: Array
+    score_target: Array
 
     @property
     def chosen(self) -> tuple[str, ...]:
@@ -327,7 +327,7 @@ def _assembled(
     trivial = trivial_prediction(folds.samples)
     scores = {name: _score(folds, one, trivial) for name, one in held.items()}
     of_choice = HeldOut(mixture.error, spread, folds.fold)
-    return ModelSelection(model, errors, held, scores, of_choice, folds.samples, folds.judge)
+    return ModelSelection(model, errors, held, scores, of_choice, folds.samples, folds.score_target)
 
 
 def _held_of_structures(
@@ -344,7 +344,9 @@ def _held_of_structures(
         else [CandidateErrors.of(learned) for learned in defaults]
     )
     held = _joined(folds, errors) | {structure: average.held for structure, average in averaged.items()}
-    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.error_mask).at(_scored_rows(held)))
+    held.setdefault(
+        "linear", linear.errors_at(folds, folds.score_target, folds.error_mask).at(_scored_rows(held))
+    )
     return held
 
 
@@ -408,7 +410,7 @@ def _model(
     """The model of these candidates; tails and independence are those of held-out errors."""
     config, samples = folds.config, folds.samples
     use = samples.usable & samples.moving
-    z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(variance), np.nan)
+    z = np.where(use, (error - (folds.score_target - samples.command)) / np.sqrt(variance), np.nan)
     freedom = student_freedom(z)
     enough = LEAST_LOGS if config.stacks else LEAST_CALIBRATED
     return LearnedModel(
@@ -457,7 +459,7 @@ def _joined(folds: Folds, errors: Sequence[CandidateErrors]) -> dict[str, HeldOu
 
 def _score(folds: Folds, held: HeldOut, trivial: Array) -> PredictionScore:
     """Of predictions that were held out."""
-    use, command = np.isfinite(held.error), folds.judge
+    use, command = np.isfinite(held.error), folds.score_target
     values = figures(command, np.where(use, command - held.error, 0.0), held.variance, use, trivial)
     return PredictionScore(**vars(values), usable=values)
 
@@ -543,7 +545,7 @@ def _is_same(error: Array, other: Array) -> bool:
 
 def _constant(selection: ModelSelection) -> Array:
     """(n, J) errors of a constant command, the mean of the other folds."""
-    command, fold, error = selection.judge, selection.left_out.fold, selection.left_out.error
+    command, fold, error = selection.score_target, selection.left_out.fold, selection.left_out.error
     scored = np.where(np.isfinite(error), command, np.nan)
     left = np.full_like(scored, np.nan)
     for number in np.unique(fold):
