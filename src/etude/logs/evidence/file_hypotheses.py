@@ -186,7 +186,7 @@ class FileFit:
         commands hold beside the torque then pushes along the velocity, as friction never does.
         """
         follow, torque = self.follow(signs), self.turned(signs)
-        return all(follow[j] or self._pushes(j, torque[:, j]) for j in np.flatnonzero(signs < 0.0))
+        return all(follow[j] or self._pushes(j, torque[:, j]) for j in np.flatnonzero(signs < 0.0).tolist())
 
     def _pushes(self, j: int, torque: Array) -> bool:
         rows = self.rows
