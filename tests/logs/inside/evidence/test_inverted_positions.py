@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.logs.evidence.command_signs import sign_decision
+from etude.logs import sign_decision
 from etude.types import Array, Channel, Log
 
 PATH = Channel("q", ("x", "z"), ("m", "m"), "measured")
