@@ -199,7 +199,9 @@ class FileFit:
         return self._likelihood(self.left(torque))
 
     def _likelihood(self, left: Array) -> float:
-        return -0.5 * len(self.rows.t) / APART * float(np.log(left + FLOOR).sum())
+        # each column of a basis takes a row; stands have many
+        free = len(self.rows.t) - np.array([self._bases[j].shape[1] for j in self.joint_indices.tolist()])
+        return float(-0.5 / APART * (free @ np.log(left + FLOOR)))
 
     def score_with(self, columns: Array) -> float:
         """The same with columns (n, k, p) beside the file's torque, whose weights all joints share."""
