@@ -86,11 +86,17 @@ def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None)
         expected = _expected(model, samples.take(rows), mean[rows], body)
         motion_rows = static, velocity, acceleration
         what = cause(error[rows], deviation[rows], use[rows], motion_rows, expected)
-        if what == "load" and isinstance(body, SupportsVariations):
-            # warm drives err much as a load does: the estimate that knows them decides
-            what = "load" if load_of(model, samples, body).verdict == "load" else "unknown"
+        if what == "load" and not _is_load(model, samples, body):
+            what = "unknown"
         size = size_of(what, error[rows], deviation[rows], use[rows], motion_rows, expected)
     return replace(quiet, cause=what, output=alone(error, deviation, use), size=size)
+
+
+def _is_load(model: LearnedModel, samples: Samples, body: object) -> bool:
+    """Whether the estimate of a load, which knows that warm drives err much as one does, finds it too; True
+    without a model file.
+    """
+    return not isinstance(body, SupportsVariations) or load_of(model, samples, body).verdict == "load"
 
 
 def _expected(model: LearnedModel, samples: Samples, mean: Array, body: Mean | None) -> ExpectedCommands:

@@ -20,7 +20,6 @@ import numpy as np
 from etude.abilities import SupportsVariations
 from etude.models.accuracy import NORMAL_95
 from etude.models.change.change_detection import detection_variances
-from etude.models.change.diagnosis import rate_of
 from etude.models.learned_model import LearnedModel
 from etude.models.scatter import scattered
 from etude.types import Array, Log, Samples
@@ -60,7 +59,8 @@ class Load:
         verdict: "none": a load that would matter is excluded; "cannot tell": it is not.
         mass: kg, less than 0 where something was put down; deviation of it.
         centre, centre_deviation: (3,) m in the frame of the link that the last axis moves.
-        left: mean square of the errors that the load leaves, over the predicted variance.
+        left: mean square of the errors that the load leaves, over the predicted variance; or of the drifts of
+            all drives over their prior variances, where that is more.
     """
 
     verdict: Verdict
@@ -145,12 +145,14 @@ def load_forecast(
 
 def _friction(model: LearnedModel, log: Log) -> Array:
     """(n, J) the part of the predicted commands that changes its sign with velocities. Inertia, gravity and
-    Coriolis forces do not. 0 where the log has no velocities.
+    Coriolis forces do not.
     """
-    rate = rate_of(log, log.channels["command"].acts_on)
-    if not rate:
-        return np.zeros((len(log), len(log.channels["command"].parts)))
-    backwards = log.put(log.channels[rate], -log[rate])
+    channels, backwards = log.channels, log
+    for name, channel in channels.items():
+        of = channels.get(channel.derivative_of)
+        # memories of friction have no unit: they are the way that a joint turned
+        if (of is not None and not of.derivative_of) or set(channel.units) == {"1"}:
+            backwards = backwards.put(channel, -log[name])
     return np.asarray(0.5 * (model.mean(log) - model.mean(backwards)))
 
 
@@ -185,7 +187,7 @@ def _regressed(
     samples: Samples,
     body: SupportsVariations,
 ) -> tuple[Array, Array, float]:
-    """x (10 + DRIFTS J,), its covariance, and the mean square that is left, over the variance."""
+    """x (10 + DRIFTS J,), its covariance, and `Load.left`."""
     J = mean.shape[1]
     use = samples.usable & samples.moving
     links, weight = body.links(samples.log)[:, :, -1], use * np.sqrt(worth) / deviation
@@ -204,7 +206,9 @@ def _regressed(
     _, stretch = np.unique(stretch, return_inverse=True)
     scores = np.zeros((int(stretch.max()) + 1, len(x)))
     np.add.at(scores, np.repeat(stretch, J), columns * residual[:, None])
-    return x, scattered(max(left, 1.0) * covariance, prior, scores, 1.0), left
+    scaled = np.asarray(max(left, 1.0) * covariance, dtype=np.float64)
+    drifts = ((x / prior)[10 + J :] ** 2).reshape(DRIFTS - 1, J).mean(axis=1)
+    return x, scattered(scaled, prior, scores, 1.0), max(left, float(drifts.max()))
 
 
 def about_origin(mass: float, first: Array) -> Array:
