@@ -13,8 +13,9 @@ import numpy as np
 from etude._runtime.scipy_parts import dpotrs, dtrmm
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.gp.covariance_factors import blocks
 from etude.models.gp.exact import ExactPosterior, posterior_given
-from etude.models.gp.kernel_algebra import Kernel
+from etude.models.gp.kernel_algebra import Kernel, Of
 from etude.models.gp.single_point import PointMean
 from etude.protocols import FitData, Posterior
 from etude.threads import threads_for
@@ -141,8 +142,9 @@ class JointProcess:
     def mean(self, X: Array) -> Array:
         """Means (T, J) alone: O(J²) for each pair of inputs."""
         out = self._lagrangian_means(self.prior.joints.packed(X))
-        for j, (kernel, theta) in enumerate(zip(self.prior.additions, self._addition_thetas, strict=True)):
-            out[j] += kernel.value(theta, X, self.X) @ self.alpha[j]
+        for rows in blocks(len(X)):
+            for added, sums in zip(out, self._sums, strict=True):
+                added[rows] += sums(X[rows])
         return out.T
 
     def point(self) -> Callable[[Array], Array]:
@@ -226,6 +228,11 @@ class JointProcess:
     @cached_property
     def _addition_thetas(self) -> list[Array]:
         return self.prior.split(self.at.theta)[1]
+
+    @cached_property
+    def _sums(self) -> list[Of]:
+        terms = zip(self.prior.additions, self._addition_thetas, self.alpha, strict=True)
+        return [kernel.sums(theta, self.X, alpha) for kernel, theta, alpha in terms]
 
     @cached_property
     def _packed(self) -> tuple[Array, Array]:

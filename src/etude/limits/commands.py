@@ -26,7 +26,7 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import COMMANDS, memoized
 from etude.protocols import Family, Limit, Model, Trajectory
 from etude.trajectories.splined import Splined
-from etude.types import Array, Cone, Motion, Proof
+from etude.types import Array, Cone, Log, Motion, Proof
 
 SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""
@@ -345,13 +345,20 @@ def by_model(
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
     inputs, fast = model.inputs, model if isinstance(model, SupportsFastMoments) else None
+    last: list[tuple[Motion, Log]] = []
+
+    def states(motion: Motion) -> Log:
+        """Of the last motion they are kept: a bound and the exact answer need the same."""
+        if not last or last[0][0] is not motion:
+            last[:] = [(motion, inputs.states(motion))]
+        return last[0][1]
 
     def mean(motion: Motion) -> Array:
-        log = inputs.states(motion)
+        log = states(motion)
         return np.asarray(model.posterior(log)[0] if fast is None else fast.mean(log))
 
     def both(motion: Motion) -> tuple[Array, Array]:
-        mean, variance = model.posterior(inputs.states(motion))
+        mean, variance = model.posterior(states(motion))
         return np.asarray(mean), np.asarray(np.sqrt(variance))
 
     def deviation(motion: Motion) -> Array:
@@ -359,7 +366,7 @@ def by_model(
 
     def at_most(motion: Motion) -> tuple[Array, Array]:
         assert fast is not None
-        bound, variance = fast.at_most(inputs.states(motion))
+        bound, variance = fast.at_most(states(motion))
         return np.asarray(bound), np.asarray(np.sqrt(variance))
 
     # the mean of a model that claims a minimal variance may be completely wrong

@@ -294,26 +294,27 @@ class LearnedModel:
         """The commands (n, J) of `predict` alone, to rounding, for less.
 
         Variances cost most, and only decide how far a command fades. Where an upper bound of what is unknown
-        leaves full trust, nothing fades; processes predict again only at the other rows.
+        leaves full trust, nothing fades; processes predict again only at the other rows of their commands.
         """
         means = Means(as_run(log, self.columns, self.inputs).log)
-        predictions: dict[int, tuple[Array, Array]] = {}
+        X, in_use = self.inputs.of_log(means.log), self._in_use()
+        processes = {id(c.process): c.process for c, _ in in_use if c.process is not None}
+        predictions = {key: _at_most(process, X) for key, process in processes.items()}
 
-        def bound(process: Process, X: Array) -> tuple[Array, Array]:
-            return predictions.setdefault(id(process), _at_most(process, X))
+        def made(process: Process, X: Array) -> tuple[Array, Array]:  # noqa: ARG001
+            return predictions[id(process)]
 
-        average, variance, noise = self._predicted(means, iter, bound)
+        average, variance, noise = self._predicted(means, iter, made, X)
         full, _ = thresholds(self.signal_deviation, self.known)
-        doubtful = ~(variance - noise <= full).all(axis=1)  # what is no number too
+        doubtful = ~(variance - noise <= full)  # what is no number too
         if not doubtful.any():
             return average
-
-        def exact(process: Process, X: Array) -> tuple[Array, Array]:
-            mean, least = predictions[id(process)]
-            least[doubtful] = process.predict(X[doubtful])[1]
-            return mean, least
-
-        average, variance, noise = self._predicted(means, iter, exact)
+        for key, process in processes.items():
+            served = [doubtful[:, columns].any(axis=1) for c, columns in in_use if c.process is process]
+            rows = np.logical_or.reduce(served)
+            if rows.any():
+                predictions[key][1][rows] = process.predict(X[rows])[1]
+        average, variance, noise = self._predicted(means, iter, made, X)
         return self._faded(average, variance - noise, means)
 
     def at_most(self, log: Any) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -33,10 +34,12 @@ from etude_arm.physics.rigid_body import (
     RigidBody,
     RigidBodyModel,
     command_regressors,
+    extra_regressors,
     nominal_model,
+    rigid_regressors,
     waves,
 )
-from etude_arm.physics.transmission import Drive, Geometry
+from etude_arm.physics.transmission import Drive, DriveMotion, Geometry
 from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
 
 FRICTION_FRACTION = 0.02
@@ -47,6 +50,9 @@ LEAST_SLOW = 20
 """Least number of slow samples that are informative."""
 TREE = tuple(KinematicTree.__dataclass_fields__)
 DRIVE = tuple(Drive.__dataclass_fields__)
+MOST_CACHED = 2**23
+"""Largest number of entries of cached regressors, 64 MB."""
+_cached_regressors: list[tuple[ref[Log], tuple[bool, bytes], tuple[Array, DriveMotion]]] = []
 OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in ("tree", "drives"))
 
 
@@ -72,12 +78,24 @@ class RigidBodyMean:
 
         Raises a KeyError if the log lacks a state.
         """
+        return self.model.given(self._blocks(log), self._motion(log)[0], remembered_of(log))
+
+    def _motion(self, log: Log) -> tuple[Array, Array, Array]:
         q, qd, qdd = (log[name] for name in (PLAN if self.desired else PATH))
-        return self.model.predict(q, qd, qdd, remembered_of(log))
+        return q, qd, qdd
+
+    def _blocks(self, log: Log) -> tuple[Array, Array]:
+        """`command_regressors` of a log. Rigid ones of the last log are kept, for the robot's other means."""
+        model, geometry = self.model, (self.desired, self.model.geometry)
+        cached = [made for kept, its, made in _cached_regressors if kept() is log and its == geometry]
+        rigid, drive = cached[0] if cached else rigid_regressors(model.tree, model.drives, *self._motion(log))
+        if not cached and rigid.size <= MOST_CACHED:
+            _cached_regressors[:] = [(ref(log), geometry, (rigid, drive))]
+        return rigid, extra_regressors(drive, model.friction_velocity)
 
     def static(self, log: Log) -> Array:
         """Commands (T, J) at rest in the same positions: gravity and offset."""
-        q = log[(PLAN if self.desired else PATH)[0]]
+        q = self._motion(log)[0]
         return self.model.predict(q, np.zeros_like(q), np.zeros_like(q))
 
     @property
@@ -87,7 +105,7 @@ class RigidBodyMean:
 
     def pulls(self, log: Log) -> Array:
         """Commands (T, J, 3) for each m/s^2 of gravity along an axis of the world; see `abilities`."""
-        q = log[(PLAN if self.desired else PATH)[0]]
+        q = self._motion(log)[0]
         zeros = np.zeros_like(q)
 
         def standing(gravity: Array) -> Array:
@@ -100,10 +118,8 @@ class RigidBodyMean:
 
     def links(self, log: Log) -> Array:
         """Commands (T, J, L, 10) for each inertial parameter of the link that each axis moves."""
-        tree, drives, v0 = self.model.tree, self.model.drives, self.model.friction_velocity
-        motion = (log[name] for name in (PLAN if self.desired else PATH))
-        rigid, _ = command_regressors(tree, drives, v0, *motion)
-        return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, tree.joint_body - 1]
+        rigid, _ = self._blocks(log)
+        return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, self.model.tree.joint_body - 1]
 
     @property
     def link_parameters(self) -> Array:

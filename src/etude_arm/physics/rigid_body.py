@@ -14,7 +14,8 @@ better. In the second case the friction memory of the log replaces tanh(l'_j / v
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +91,18 @@ class RigidBodyModel:
         friction by speed.
         """
         blocks = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
+        return self.given(blocks, q, turning)
+
+    def given(self, blocks: tuple[Array, Array], q: Array, turning: Array | None) -> Array:
+        """The same, with `command_regressors` of the motion."""
         return self.of(Regressors(*blocks, turning, None if self.ripple is None else waves(q)))
+
+    @cached_property
+    def geometry(self) -> bytes:
+        """The tree and the drives in bytes, to tell whether models have the same."""
+        parts: list[KinematicTree | Drive] = [self.tree, *self.drives]
+        values = [getattr(part, field.name) for part in parts for field in fields(part)]
+        return b"".join(np.asarray(value).tobytes() for value in values)
 
     def of(self, regressors: Regressors) -> Array:
         """Command (n, dof) at those regressors."""
@@ -146,11 +158,22 @@ def command_regressors(
     tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array, q: Array, qd: Array, qdd: Array
 ) -> tuple[Array, Array]:
     """Regressors of the commands: rigid (n, dof, P) and extra (n, dof, E), in the drives' coordinates."""
+    rigid, drive = rigid_regressors(tree, drives, q, qd, qdd)
+    return rigid, extra_regressors(drive, friction_velocity)
+
+
+def rigid_regressors(
+    tree: KinematicTree, drives: tuple[Drive, ...], q: Array, qd: Array, qdd: Array
+) -> tuple[Array, DriveMotion]:
+    """The rigid ones (n, dof, P), and the motion of the drives."""
     motion = body_motion(tree, q, qd, qdd)
     drive = drive_motion(tree, drives, motion, qd, qdd)
-    rigid = drive.to_drive(regressor_of_motion(tree, motion))
-    constant = np.ones_like(drive.speed)
-    return rigid, np.stack([*drive_terms(drive, friction_velocity), constant], axis=2)
+    return drive.to_drive(regressor_of_motion(tree, motion)), drive
+
+
+def extra_regressors(drive: DriveMotion, friction_velocity: Array) -> Array:
+    """The others (n, dof, E) of `EXTRA_TERMS`."""
+    return np.stack([*drive_terms(drive, friction_velocity), np.ones_like(drive.speed)], axis=2)
 
 
 def drive_terms(drive: DriveMotion, friction_velocity: Array) -> list[Operand]:

@@ -175,6 +175,13 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
     assert half.back.duration == pytest.approx(2.0 * free.back.duration)
     with pytest.raises(UnsafeTrajectoryError, match="'x' may reach 9"):
         there_and_back(motion, pose, approach, [limit(Barred)], np.array([0.0, -0.8]))
+    home, clear = np.array([-0.8, -0.8]), np.array([[-0.8, -0.8], [0.0, 0.9]])
+    by_clear = there_and_back(motion, home, approach, [limit(Barred)], home, clear)
+    assert by_clear is not None, "home itself has no straight path to the motion's ends"
+    for way, end in ((by_clear.approach, 0), (by_clear.back, -1)):
+        np.testing.assert_allclose(way.motion(np.array([0.0, way.duration]), 1).orders[0, end], home)
+        first = way.pieces()[0][2]
+        np.testing.assert_allclose(first.motion(np.array([first.duration]), 1).orders[0, 0], clear[1])
 
 
 def test_a_flight_goes_from_hover_into_its_plan_and_out_of_it() -> None:

@@ -80,6 +80,24 @@ def test_a_zero_that_is_off_is_asked_about_with_its_size(
         tell(lab, path, foreign=True)
 
 
+# by symmetry nothing tells either from the other at the first joint, about a vertical axis
+@pytest.mark.parametrize("joint", [2, pytest.param(1, marks=pytest.mark.slow)])
+def test_inverted_positions_are_no_inverted_commands(joint: int, lab: Campaign, tmp_path: Path) -> None:
+    """The repair of the commands would turn the weight round."""
+    right = log_of(tmp_path / "right.csv", lab)
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    for column, words in (
+        (1 + joint, "positions of {} have the wrong sign, not their"),
+        (4 + joint, "commands of {} is inverted"),
+    ):
+        signs = np.where(np.arange(7) == column, -1.0, 1.0)
+        path = tmp_path / f"{column}.csv"
+        np.savetxt(path, rows * signs, delimiter=",", header=header, comments="")
+        (finding,) = [f for f in inspect(path, lab.path).findings if f.flag]
+        assert words.format(JOINTS[joint]) in finding.sentence
+        assert ("--repair sign" in finding.step) is (column > 3)
+
+
 @pytest.mark.parametrize("masses", [pytest.param(1.0, marks=pytest.mark.slow), np.array([1.0, 1.3, 0.8])])
 def test_a_joint_that_turns_the_other_way_is_named_and_its_columns_are_turned(
     masses: Array | float, lab: Campaign, tmp_path: Path

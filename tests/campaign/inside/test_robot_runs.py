@@ -30,6 +30,7 @@ from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.ingest.robot_changed import answer
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run import robot_session
 from etude.campaign.run.campaign_run import MOST_AFTER_STOP, connected, learn
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
@@ -367,14 +368,18 @@ class Weak(Robot):
 
 
 @pytest.mark.parametrize("part", [1.0, 0.5])
-def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, part: float) -> None:
+def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(
+    tmp_path: Path, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     campaign, robot = lab(tmp_path), Weak()
+    monkeypatch.setattr(robot_session, "file_gravity", lambda _, q: np.array([[0.5, 3.21]]) + 0.0 * q)
     robot.most = part * float(campaign.kind.limit(campaign.spec)[1])
     robot.at = {1: lambda: robot.blocked.__setitem__(0, True)}
     with pytest.raises(RobotStopped) as found:
         moved(campaign, robot)
     said = found.value.next_step
     assert ("command of knee was at its limit" in said) == (part == 1.0)
+    assert ("; at rest there the model file expects 3.21 N m." in said) == (part == 1.0)
     assert "Remove the cause, then: etude run" in said
     assert (
         f"limits, masses or home in robot.toml, and write another motion: etude ask {campaign.path} --new"

@@ -215,12 +215,16 @@ def _joint_name_candidates(headers: Sequence[str], words: Sequence[str]) -> list
     return remainders
 
 
+NUMBERED = re.compile(r"_?(?:joint_?|j)?(\d{1,4})")
+"""What follows the word of a quantity in the header of a numbered joint."""
+
+
 def _part_in_header(text: str, word: str) -> str:
     """ "elbow" of "elbow_position"; "joint_3" of "q3"; "" if the word is not at either end."""
-    for prefix in ("", *(f"{p}_" for p in PREFIXES)):
+    for prefix in ("", *(f"{p}_" for p in PREFIXES)) if word in text else ():
         unprefixed = text.removeprefix(prefix)
-        numbered = re.fullmatch(rf"{re.escape(word)}_?(?:joint_?|j)?(\d{{1,4}})", unprefixed)
-        if numbered:
+        numbered = NUMBERED.fullmatch(unprefixed.removeprefix(word))
+        if numbered and unprefixed.startswith(word):
             return f"joint_{numbered[1]}"
         for remainder in (unprefixed.removeprefix(f"{word}_"), unprefixed.removesuffix(f"_{word}")):
             if remainder != unprefixed:

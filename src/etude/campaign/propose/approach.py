@@ -130,7 +130,8 @@ def there_and_back(
     clear: Array | None = None,
     speed: float = FULL,
 ) -> There | None:
-    """Straight approach and return; if these are not proved, by home, or by a clear pose and home.
+    """Straight approach and return; if these are not proved, by home, by a clear pose and home, or by a clear
+    pose alone.
 
     A motion that moves at its ends is led in and out along its own path, if that path continues.
 
@@ -155,9 +156,10 @@ def there_and_back(
     assert out is not None
     assert back is not None
     around = [] if clear is None else _routes_by_clear_pose(by_home, pose, approaches, clear)
-    outs = [(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)]
+    to, back_by = ([], []) if clear is None else _legs_by_clear_pose(led, pose, approaches, clear)
+    outs = [(straight[0],), (out[0], by_home[0]), *(legs for legs, _ in around), *to]
     approach = _first_proved(outs, limits, speed)
-    backs = [(straight[1],), (by_home[1], back[1]), *(returns for _, returns in around)]
+    backs = [(straight[1],), (by_home[1], back[1]), *(legs for _, legs in around), *back_by]
     returned = _first_proved(backs, limits, speed)
     there, again = _labelled("approach", approach), _labelled("return", returned)
     meet = _is_continuous(approach[-1], led, returned[0])
@@ -168,6 +170,10 @@ def there_and_back(
     return There(_as_trajectory(there), _as_trajectory(again), whole)
 
 
+PLACES = ("position", "clearance")
+"""Quantities of a path that do not depend on its speed."""
+MANY = 2
+"""Paths that are tried at all speeds: the straight one, and that by home. Others are many."""
 MOST_AROUND = 24
 """Clear poses, the nearest first, by which a way is looked for."""
 Legs = tuple[Trajectory, ...]
@@ -178,9 +184,7 @@ def _routes_by_clear_pose(
 ) -> list[tuple[Legs, Legs]]:
     """Approaches and returns by a clear pose and home, for a pose without a straight path to home."""
     routes: list[tuple[Legs, Legs]] = []
-    size = np.maximum(np.ptp(clear, axis=0), np.finfo(float).tiny)
-    near = np.argsort(np.linalg.norm((clear - pose) / size, axis=1), kind="stable")
-    for corner in clear[near[:MOST_AROUND]]:
+    for corner in _nearest(clear, pose):
         inner = approaches(by_home[0], corner)
         outer = None if inner is None else approaches(inner[0], pose)
         after = approaches(by_home[1], corner)
@@ -188,6 +192,30 @@ def _routes_by_clear_pose(
         if inner is not None and outer is not None and after is not None and last is not None:
             routes.append(((outer[0], inner[0], by_home[0]), (by_home[1], after[1], last[1])))
     return routes
+
+
+def _legs_by_clear_pose(
+    motion: Trajectory, pose: Array, approaches: Approaches, clear: Array
+) -> tuple[list[Legs], list[Legs]]:
+    """Approaches, and returns, by a clear pose, for a motion whose end has no straight path to home."""
+    start, end = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
+    to: list[Legs] = []
+    back: list[Legs] = []
+    for legs, place, at in ((to, 0, start), (back, 1, end)):
+        for corner in _nearest(clear, at):
+            near = approaches(motion, corner)
+            far = None if near is None else approaches(near[place], pose)
+            if near is not None and far is not None:
+                pair = far[place], near[place]
+                legs.append(pair if place == 0 else pair[::-1])
+    return to, back
+
+
+def _nearest(clear: Array, at: Array) -> Array:
+    """The clear poses (n, k) nearest to a pose (k,), relative to their ranges."""
+    size = np.maximum(np.ptp(clear, axis=0), np.finfo(float).tiny)
+    order = np.argsort(np.linalg.norm((clear - at) / size, axis=1), kind="stable")
+    return np.asarray(clear[order[:MOST_AROUND]])
 
 
 def require_inside(
@@ -208,12 +236,23 @@ def _first_proved(
 ) -> tuple[Trajectory, ...]:
     """The first path proved at `speed` (per cent), or slower; else the error of the straight path."""
     factors = [FULL / speed * factor for factor in SLOWER]
-    for parts in tried:
+    known: dict[tuple[int, float], bool] = {}
+    barred: set[int] = set()  # legs, which ways share; no speed helps them
+
+    def proves(part: Trajectory, factor: float) -> bool:
+        key = id(part), factor
+        if key not in known and id(part) not in barred:
+            certificate = certify(part.slowed(factor), limits)
+            known[key] = certificate.ok
+            if any(row.quantity in PLACES for row in certificate.failed):
+                barred.add(id(part))
+        return known.get(key, False)
+
+    for i, parts in enumerate(tried):
         resting = all(_is_at_rest(part) for part in parts)  # others lead into a motion, whose speed is given
-        for factor in (factors if len(parts) < 3 else factors[:1]) if resting else (1.0,):
-            slowed = tuple(part.slowed(factor) for part in parts)
-            if all(certify(part, limits).ok for part in slowed):
-                return slowed
+        for factor in (factors if i < MANY else factors[:1]) if resting else (1.0,):
+            if all(proves(part, factor) for part in parts):
+                return tuple(part.slowed(factor) for part in parts)
     for part in tried[0]:
         require_certified(part.slowed(factors[-1]) if _is_at_rest(part) else part, limits)
     raise AssertionError("a certified approach was refused")

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.record.events import Figures, MotionEnded, MotionSent, RobotMotion
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import jsonable
@@ -281,10 +282,14 @@ class RobotSession:
         joint = int(np.argmax(used.max(axis=0)))
         if not used[:, joint].max() >= SATURATED:
             return ""
-        return (
-            f" The command of {self.campaign.axes[joint]} was at its limit, {limit[joint]:.3g} "
-            f"{self.campaign.command.units[joint]}."
+        unit = self.campaign.command.units[joint]
+        # a body that is heavier than its file is the usual cause, and this number shows it
+        rest = file_gravity(self.campaign, recording.q[last][-1:, self.columns])
+        expected = (
+            "" if rest is None else f"; at rest there the model file expects {rest[0, joint]:.3g} {unit}"
         )
+        axis, most = self.campaign.axes[joint], limit[joint]
+        return f" The command of {axis} was at its limit, {most:.3g} {unit}{expected}."
 
 
 def after_loss(about: About) -> str:

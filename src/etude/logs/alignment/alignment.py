@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.errors import DataError
+from etude.logs.checks.desired_motion import CLEAR_MATCH, unlike
 from etude.logs.cleaning.read import ending
 from etude.logs.cleaning.smoothing import median_rate, resample, uniform_grid
 from etude.logs.columns.units import start_at_zero
 from etude.protocols import Trajectory
 from etude.types import Array, Channel, Index, Log, Mask
 
-ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 BETTER = 0.5  # ratio of mismatches below which another start replaces that of a marked clock
 PERFECT = 0.05  # mismatch below which a stop of the run is not tested
 LIKELIER = 0.8  # ratio of the mismatches of a stopped and a whole run below which the stop is accepted
@@ -277,7 +277,6 @@ class _Aligned:
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
 LARGEST_MISMATCH = 0.85
-CLEAR_MATCH = 0.5  # part of the variance that a clear match explains
 # Of so few coordinates other motions that repeat themselves fit better by chance, from 0.42 on; in positions
 # and rates alike a third as often. Below a mismatch of 0.4 rates are not asked for: noise and a robot that
 # leaves out what is quick spoil them first.
@@ -479,24 +478,17 @@ COLUMNS = (
 )
 
 
+CAUSES = {
+    "opposite": "{own} moves in the opposite direction (sign?)",
+    "degrees": "{own} looks like degrees",
+    "exchanged": "{own} follows the proposal for {other} (exchanged?)",
+}
+
+
 def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
     """Text on the likely cause (sign, degrees, exchanged joints), for the first coordinate with one."""
-    if len(overlap.motion) < 2:
-        return ""
-    a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.planned))
-    # 1e-300: a coordinate at rest correlates with no other
-    norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
-    likeness = (a.T @ b) / norms
-    slope = (a * b).sum(axis=0) / ((b * b).sum(axis=0) + 1e-300)
-    for j in np.flatnonzero(overlap.each > CLEAR_MATCH).tolist():
-        other = int(np.argmax(likeness[j]))
-        if likeness[j, j] < -ALIKE:
-            return f"; {parts[j]} moves in the opposite direction (sign?)"
-        # 180 / π = 57.3, in a log that follows its plan with an error
-        if likeness[j, j] > ALIKE and 40 < slope[j] < 80:
-            return f"; {parts[j]} looks like degrees"
-        if likeness[j, j] < 0.5 and likeness[j, other] > ALIKE:
-            return f"; {parts[j]} follows the proposal for {parts[other]} (exchanged?)"
+    for odd in unlike(overlap.motion, overlap.planned, overlap.each):
+        return "; " + CAUSES[odd.kind].format(own=parts[odd.coordinate], other=parts[odd.other])
     return ""
 
 

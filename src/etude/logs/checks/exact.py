@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.logs.checks.clipped_commands import clipped
+from etude.logs.checks.desired_motion import facts_against_desired
 from etude.logs.checks.filtered_motion import goes_far, joints, measured_rates, runs
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named, without_spans
 from etude.logs.columns.units import Limits
@@ -24,8 +25,8 @@ BEYOND_CHANCE = 50.0 * math.log(2.0)
 """Log odds of events that never happen by chance with noisy numbers: repeated, equal or zero values."""
 HELD, COMMANDS_HELD, UNSIGNED, OFF = "held", "held_commands", "unsigned", "off"
 COPIED, TURNS, OVERFLOW, LOST = "copied", "turns", "overflow", "lost"
-CLIPPED = "clipped"
-NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST, CLIPPED)
+CLIPPED, DESIRED = "clipped", "desired"
+NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST, CLIPPED, DESIRED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
     Args:
         limits: lower and upper (parts,) by channel; those of positions show which joints exceed one turn.
     """
-    findings = [*_rows_held(log)]
+    findings = [*_rows_held(log)] or [*_against_desired(log)]
     numbers = Numbers.of(log, limits)
     if findings or numbers is None:
         return tuple(findings)
@@ -105,6 +106,13 @@ def _possible(check: str, odds: float, fact: str, step: str, *, mend: str = "") 
     yield Mendable(
         check, "red" if odds >= CERTAIN else "yellow", f"{sentence}.", step[:1].upper() + step[1:], flag=check
     )
+
+
+def _against_desired(log: Log) -> Iterator[Mendable]:
+    """Finding of positions that deviate from the desired ones of the log by their sign, unit or column."""
+    facts = "; ".join(facts_against_desired(log))
+    step = 'Correct the column in [log.columns] of campaign.toml, as in "q_elbow" = "-1 * HEADER".'
+    yield from _possible(DESIRED, BEYOND_CHANCE if facts else 0.0, facts[:1].upper() + facts[1:], step)
 
 
 def _odds(odds: float) -> str:

@@ -96,17 +96,17 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
     """Zero-phase low-pass and derivatives of values (T, k) given on a uniform grid t (T,).
 
     The line through the end points is set aside and the rest continued oddly, so that the signal is
-    periodic with continuous slope and the ends do not ring. The squared gain is 1 / (1 + (f / fc)^(2 order));
-    `cutoff_hz` = inf differentiates without filtering.
+    periodic with continuous slope and the ends do not ring. The squared gain is 1 / (1 + (f / fc)^(2 order)),
+    or 2^-(f / fc)^2 for `order` 0: a Gaussian, which rings at no step. `cutoff_hz` = inf differentiates
+    without filtering.
     """
     step = float(t[-1] - t[0]) / (len(t) - 1)
     slope = (values[-1] - values[0]) / (t[-1] - t[0])
     line = values[0] + (t - t[0])[:, None] * slope
     residual = values - line
     odd = np.concatenate([residual[:-1], -residual[:0:-1]])
-    frequency = np.fft.rfftfreq(len(odd), step)[:, None]
-    spectrum = rfft(odd) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
-    return Smoothed(t, line, slope, spectrum)
+    part = (np.fft.rfftfreq(len(odd), step)[:, None] / cutoff_hz) ** (2 * order or 2)
+    return Smoothed(t, line, slope, rfft(odd) * (1.0 / (1.0 + part) if order else np.exp2(-part)))
 
 
 def quick_length(n: int, least: int = LONG) -> int:

@@ -88,7 +88,7 @@ def sign_decision(
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed_rows(alone)
         yield turned
-        yield signs_without_reversals(stepped, fresh, order, timed)
+        yield signs_with_presliding(stepped, fresh, order, timed)
         weight = None if alone is None else _weight_question(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
@@ -103,28 +103,28 @@ def sign_decision(
 
 
 def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decision | None:
-    """The decision; None if rows where no joint reverses contradict it. Stiction at a reversal makes right
-    commands fit another joint, or the other sign.
+    """The decision; None if the likelihood with presliding friction contradicts it. Friction that turns round
+    over a distance makes right commands fit another joint, or the other sign.
     """
     if decision is None or 0 < len(decision.logs) < len(np.unique(evidence.rows.log)):
         return decision  # of some logs against the others: all have the same friction
     by = np.array(decision.by)[evidence.joint_indices]
     if decision.check == SIGN:
-        right, inverted = evidence.without_turns.variant(AS_LOGGED).signs()
+        right, inverted = evidence.clock.variant(AS_LOGGED).signs()
         return decision if (inverted >= right)[by < 0.0].all() else None
-    fits = _fits(evidence.without_turns)
+    fits = _fits(evidence.clock)
     fits = np.take_along_axis(fits, np.searchsorted(evidence.joint_indices, by)[:, None], axis=1)
     return decision if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 
-def signs_without_reversals(
+def signs_with_presliding(
     evidence: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
 ) -> Decision | None:
-    """A question on signs from the rows without reversals, where all rows together leave the signs open.
-    Presliding friction hides them at reversals. What all rows say against it counts.
+    """A question on signs from the likelihood with presliding friction, where the other leaves them open.
+    What that one says against it counts.
     """
-    calm = evidence.without_turns
-    decision = _signs(calm, fresh, order, -np.inf if timed else _backwards(calm))
+    clock = evidence.clock
+    decision = _signs(clock, fresh, order, -np.inf if timed else _backwards(clock))
     if decision is None:
         return None
     about = np.array(decision.by)[evidence.joint_indices] < 0.0

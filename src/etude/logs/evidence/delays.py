@@ -16,13 +16,12 @@ from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, JointEvidence, Level
-from etude.logs.evidence.likelihood import CLOCK_TERMS, FEW, LENGTHS, WhitenedMotion, least
+from etude.logs.evidence.likelihood import CLOCK_TERMS, FEW, LENGTHS, TERMS, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Log
 
-# Log odds of the clock from which a delay is told, and of all rows from which commands are shifted: of right
-# logs of arms that stick the clock had 9 at most, and of arms of two joints that are 40 ms late 2 to 30
+# Log odds from which a delay is told, and from which commands are shifted
 SAID, SHIFT = CERTAIN, math.log(1e10)
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
@@ -57,7 +56,7 @@ def in_step(evidence: JointEvidence, shifted: Callable[[float], JointEvidence]) 
     least_known = total[AS_LOGGED] + CERTAIN
     by, gain = _between(evidence, best)
     if total[best] + gain >= least_known:
-        between = delays(shifted(by), by)[AS_LOGGED]
+        between = shifted(by).variant(AS_LOGGED).whole().sum() - DELAY_PRIOR * abs(by)
         if between >= max(total[best], least_known):
             return by
     return DELAYS[best] if total[best] >= least_known else 0.0
@@ -105,14 +104,13 @@ class Clock:
 
     Attributes:
         logs: all. which: those. path: of their positions.
-        evidence: of their clock, `JointEvidence.without_turns`. whole: of all their rows.
+        evidence: `JointEvidence.clock`.
     """
 
     logs: Sequence[Log]
     path: Channel
     which: tuple[int, ...]
     evidence: JointEvidence
-    whole: JointEvidence
 
     @classmethod
     def of(
@@ -127,7 +125,7 @@ class Clock:
         which = out_of_step(logs, path, fresh)
         if len(which) < len(fresh):
             alone = JointEvidence.of(rows_of([logs[i] for i in which], path, body))
-        return None if alone is None else cls(logs, path, which, alone.without_turns, alone)
+        return None if alone is None else cls(logs, path, which, alone.clock)
 
     @property
     def excludes_delays(self) -> bool:
@@ -144,7 +142,7 @@ class Clock:
     def decision(self) -> Decision | None:
         """A question on a long delay, or a note on one that is tried; its size is refined."""
         far = far_delay(self.evidence, self._shifted, self.which) if at_edge_of(self.evidence) else None
-        found = far or late(self.evidence, self.whole, self.which)
+        found = far or late(self.evidence, self.which)
         return found and replace(found, by=(refined(found.by[0], self._shifted),))
 
     def _shifted(self, late: float) -> JointEvidence:
@@ -169,10 +167,12 @@ def _log_delay(log: Log, path: Channel) -> tuple[int, float]:
     rows = rows_of([log], path)
     if rows is None or not rows.moving.any():
         return AS_LOGGED, 0.0
-    joints, each, rows = np.flatnonzero(rows.moving), [], rows.without_turns()
+    joints, each, command = np.flatnonzero(rows.moving), [], rows.command
+    models = ((rows, CLOCK_TERMS), (rows.without_turns(), TERMS))
     for length in LENGTHS:
-        motion = WhitenedMotion(rows, joints, tuple(p for p in FEW if p.length == length), terms=CLOCK_TERMS)
-        each.append(motion.free(rows.command, range(len(DELAYS))))
+        grid = tuple(point for point in FEW if point.length == length)
+        motions = (WhitenedMotion(one, joints, grid, terms=terms) for one, terms in models)
+        each.append(log_sum([motion.free(command, range(len(DELAYS))) for motion in motions], axis=0))
     return _likeliest(np.array(each))
 
 
@@ -226,26 +226,16 @@ def shifted_log(log: Log, late: float) -> Log:
     return log.put(command, resample(log.t, log[command.name], log.t + late))
 
 
-def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> Decision | None:
-    """The delay or lead of the new logs' commands, common to all joints: a note or a question.
-
-    Args:
-        clock: where nothing that friction does in a turn has a say. It decides; a short log has little more
-            than turns.
-        whole: of all rows. It confirms: friction that sticks may look like a delay there.
-        fresh: indices of the logs.
-    """
+def late(clock: JointEvidence, fresh: Sequence[int]) -> Decision | None:
+    """The delay or lead of the new logs' commands, common to all joints: a note or a question."""
     best = int(delays(clock).argmax())
     if abs(DELAYS[best]) < LEAST_DELAY or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
         return None
-    odds, of_all = _odds_of(clock, best), _odds_of(whole, best)
-    surest = max(odds, of_all)
-    # friction that turns round over speeds looks early to the clock; all rows deny that by more. By a little
-    # they deny a delay where friction turns round over a distance: it looks later still to them
-    if odds < LIKELY or odds + of_all < 0.0 or (odds < SAID and surest < SHIFT):
+    odds = _odds_of(clock, best)
+    if odds < SAID:
         return None
-    level: Level = "note" if odds >= SAID and surest >= SHIFT else "ask"
-    return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=surest)
+    level: Level = "note" if odds >= SHIFT else "ask"
+    return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
 def _odds_of(evidence: JointEvidence, best: int) -> float:

@@ -23,7 +23,7 @@ from etude.logs.checks.velocities import clock_finding
 from etude.logs.evidence.changed_parameters import unit_masses
 from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
-from etude.types import Array, Channel, Finding, Index, Log
+from etude.types import Array, Channel, Finding, Index, Log, Mask
 
 ROUNDS = 8  # of weighing joints by what is left of them
 SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
@@ -32,6 +32,7 @@ TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are lo
 STEP = 0.01  # rad or m: of differences
 REPORTED_OFFSET = 0.05  # rad or m: an offset from which the log is questioned
 ZERO, REVERSED = "zero", "reversed"
+PUSHES = 0.5  # correlation with the negative velocity; Coulomb friction alone has 0.8 and more
 SAME, SMALLEST = 1e-6, 1e-300  # of a column: what another one leaves of it; of its length
 COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
 
@@ -62,9 +63,9 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None, limit: 
     # right logs before it would outweigh it
     rows = fit.rows.take(np.flatnonzero(fit.rows.log == len(logs) - 1))
     new = fit_of(rows, fit.path, fit.body) if len(rows.t) else None
-    turned, odds = ((), 0.0) if new is None else reversed_joints(new)
-    if turned:
-        return (_reversal_finding(turned, odds, path),)
+    turned = None if new is None else reversed_joints(new)
+    if turned is not None:
+        return turned.findings(path)
     zero = zero_of(fit)  # whatever the units
     if zero is not None:
         return (_zero_finding(zero, path),)
@@ -86,18 +87,38 @@ def _zero_finding(zero: Zero, path: Channel) -> Finding:
     return Finding(ZERO, "yellow", fact, step, flag=ZERO)
 
 
-def _reversal_finding(turned: Sequence[int], odds: float, path: Channel) -> Finding:
-    names = named(path.parts, np.isin(np.arange(len(path.parts)), turned))
-    verb = "turns" if len(turned) == 1 else "turn"
-    return Finding(
-        REVERSED,
-        "yellow",
-        f"If the model file's masses are right, {names} {verb} in the opposite direction to the file: "
-        f"positions and commands are both inverted (log odds {odds:.0f}).",
-        "Invert the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
-        f'("-1 * HEADER"); {accepted(REVERSED)}.',
-        flag=REVERSED,
-    )
+class Reversed(NamedTuple):
+    """Joints that are inverted against the file: positions and commands, or positions alone; log odds."""
+
+    both: tuple[int, ...]
+    positions: tuple[int, ...]
+    odds: float
+
+    def findings(self, path: Channel) -> tuple[Finding, ...]:
+        """One on each kind, with what to correct."""
+        both, wrong = (named(path.parts, np.isin(np.arange(len(path.parts)), one)) for one in self[:2])
+        verb = "turns" if len(self.both) == 1 else "turn"
+        facts = (
+            f"{both} {verb} in the opposite direction to the file: positions and commands are both inverted",
+            f"the positions of {wrong} have the wrong sign, not their commands",
+        )
+        steps = (
+            "Invert the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
+            '("-1 * HEADER")',
+            'Correct the columns of the positions in [log.columns] of campaign.toml ("-1 * HEADER"), or the '
+            "signs of the encoders",
+        )
+        return tuple(
+            Finding(
+                REVERSED,
+                "yellow",
+                f"If the model file's masses are right, {fact} (log odds {self.odds:.0f}).",
+                f"{step}; {accepted(REVERSED)}.",
+                flag=REVERSED,
+            )
+            for joints, fact, step in zip(self[:2], facts, steps, strict=True)
+            if joints
+        )
 
 
 def _scale_finding(scale: JointScale, path: Channel, limit: Array) -> Finding:
@@ -155,11 +176,24 @@ class FileFit:
         log = states_of(rows.t, self.path, rows.q * signs, rows.qd * signs, rows.qdd * signs)
         return np.asarray(self.body.predict(log) * signs)
 
-    def follows(self, signs: Array) -> bool:
-        """Whether the commands of joints that turn the other way follow the file's torque then."""
+    def follow(self, signs: Array) -> Mask:
+        """(k,) whether each command follows the file's torque if joints turn the other way."""
         command, torque = self.rows.command[..., AS_LOGGED], self.turned(signs)
-        each = [np.corrcoef(command[:, j], torque[:, j])[0, 1] for j in np.flatnonzero(signs < 0.0)]
-        return bool(np.min(each) > 0.0)
+        return np.asarray(((command - command.mean(axis=0)) * torque).sum(axis=0) > 0.0)
+
+    def explains(self, signs: Array) -> bool:
+        """Whether joints with signs of -1 turn the other way, or have inverted positions alone: what their
+        commands hold beside the torque then pushes along the velocity, as friction never does.
+        """
+        follow, torque = self.follow(signs), self.turned(signs)
+        return all(follow[j] or self._pushes(j, torque[:, j]) for j in np.flatnonzero(signs < 0.0).tolist())
+
+    def _pushes(self, j: int, torque: Array) -> bool:
+        rows = self.rows
+        X = np.column_stack([np.ones(len(rows.t)), torque, rows.qdd[:, j]])
+        y = np.column_stack([rows.command[:, j, AS_LOGGED], rows.qd[:, j]])
+        command, qd = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).T
+        return bool(command @ qd < -PUSHES * np.linalg.norm(command) * np.linalg.norm(qd))
 
     def left(self, torque: Array) -> Array:
         """(m,) part of each command's variance that a torque (n, k), friction and a constant leave."""
@@ -200,6 +234,15 @@ class FileFit:
 
     def _likelihood(self, left: Array) -> float:
         return -0.5 * len(self.rows.t) / APART * float(np.log(left + FLOOR).sum())
+
+    def score_of_means(self, torque: Array) -> float:
+        """Log likelihood of the commands' means, which `score` leaves out: the weight of a slide is constant.
+        They deviate by wrong masses, and by offsets up to the size of what varies.
+        """
+        command = self.rows.command[:, self.joint_indices, AS_LOGGED]
+        mean = torque[:, self.joint_indices].mean(axis=0)
+        variance = (MASSES_OFF * mean) ** 2 + command.var(axis=0)
+        return float(-0.5 * ((command.mean(axis=0) - mean) ** 2 / variance + np.log(variance)).sum())
 
     def score_with(self, columns: Array) -> float:
         """The same with columns (n, k, p) beside the file's torque, whose weights all joints share."""
@@ -251,11 +294,12 @@ def zero_of(fit: FileFit) -> Zero | None:
     return Zero(i, offset, float(1.0 / np.sqrt(bend)) if bend > 0.0 else np.inf, odds)
 
 
-def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
-    """Joints whose positions and commands are both inverted against the file, and their log odds; () if none.
+def reversed_joints(fit: FileFit) -> Reversed | None:
+    """Joints whose positions are inverted against the file, with their commands or alone; None if none are.
 
-    Such a joint alone looks right; only its coupling to the others has the other sign. A greedy search turns
-    one joint after the other, as long as wrong centres of mass do not explain as much.
+    Such a joint alone looks right or like an inverted command; only its coupling to the others has the other
+    sign. A greedy search turns one joint after the other, as long as wrong centres of mass do not explain as
+    much.
     """
     k = fit.rows.q.shape[1]
     assert fit.rows.torque is not None
@@ -266,12 +310,14 @@ def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
         trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in unturned}
         scores = {i: fit.score(fit.turned(trial)) for i, trial in trials.items()}
         i = max(scores, key=lambda i: scores[i], default=-1)
-        if i < 0 or scores[i] - best < AHEAD or not fit.follows(trials[i]):
+        if i < 0 or scores[i] - best < AHEAD or not fit.explains(trials[i]):
             break
         signs, best, odds = trials[i], scores[i], scores[i] - first
     if odds < SCREEN or odds < AHEAD + _masses(fit) - fit.score(fit.rows.torque):
-        return (), 0.0
-    return tuple(np.flatnonzero(signs < 0.0).tolist()), odds
+        return None
+    turned = np.flatnonzero(signs < 0.0)
+    follow = fit.follow(signs)[turned]
+    return Reversed(tuple(turned[follow].tolist()), tuple(turned[~follow].tolist()), odds)
 
 
 EARTH = 9.81  # m/s^2
@@ -427,7 +473,7 @@ def positions_odds(
     rows: FilteredRows, joints: Index, path: Channel, body: Mean, columns: Index, signs: Array
 ) -> float:
     """Log odds that the positions, not the commands, have other columns (k,) and other signs (k,). One joint
-    alone cannot separate the two; the weights on other joints do.
+    alone cannot separate the two; the weights on other joints do, and its own weight.
     """
     back = np.argsort(columns)
     moved = rows.with_joints(back, signs[back])
@@ -435,7 +481,8 @@ def positions_odds(
     scores = []
     for tried in (moved, ordered):
         torque = body.predict(states_of(rows.t, path, tried.q, tried.qd, tried.qdd))
-        scores.append(FileFit(replace(tried, torque=torque), joints, path, body).score(torque))
+        fit = FileFit(replace(tried, torque=torque), joints, path, body)
+        scores.append(fit.score(torque) + fit.score_of_means(torque))
     return scores[0] - scores[1]
 
 

@@ -32,7 +32,7 @@ def finding_of(
         old: those of them that were learned before; no repair changes them now.
     """
     where = _where(decision, sources)
-    if decision.positions >= CERTAIN:
+    if decision.positions >= LIKELY:
         return _position_finding(decision, parts, where)
     if decision.check == SIGN:
         finding = _sign_finding(decision, parts, where)

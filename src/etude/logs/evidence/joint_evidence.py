@@ -63,12 +63,14 @@ class JointEvidence:
 
     Attributes:
         orders: whether it is about orders of the columns, and not about delays; both are computed on demand.
+        other: another model of the same motion, as likely before the data; None: there is none.
     """
 
     rows: FilteredRows
     joint_indices: Index
     motion: WhitenedMotion
     orders: bool = True
+    other: WhitenedMotion | None = None
 
     @classmethod
     def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
@@ -83,19 +85,26 @@ class JointEvidence:
         return replace(self, rows=replace(self.rows, command=command))
 
     @cached_property
-    def without_turns(self) -> JointEvidence:
-        """The evidence of the delays alone, in the rows without reversals, where stiction plays no part."""
-        motion, command = self.motion.without_turns, self.rows.command[..., : len(DELAYS)]
-        return JointEvidence(
-            replace(motion.rows, command=command, groups=()), self.joint_indices, motion, orders=False
-        )
+    def clock(self) -> JointEvidence:
+        """The evidence of the delays. Where a joint turns round, friction has a memory of its way, or any
+        command is possible: the data decide joint by joint.
+        """
+        rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)], groups=())
+        motions = self.motion.with_memory, self.motion.without_turns
+        return JointEvidence(rows, self.joint_indices, motions[0], orders=False, other=motions[1])
 
     @cached_property
     def delayed(self) -> ColumnEvidence:
         """(m len(DELAYS)) of joints with their own columns, at each delay."""
         every, delays = np.arange(len(self.joint_indices)), np.arange(len(DELAYS))
         joints = np.repeat(every, len(delays))
-        return self.motion.evidence(self.rows.command, joints, joints, np.tile(delays, len(every)))
+        return self._evidence(joints, joints, np.tile(delays, len(every)))
+
+    def _evidence(self, joints: Index, columns: Index, variants: Index) -> ColumnEvidence:
+        evidence = self.motion.evidence(self.rows.command, joints, columns, variants)
+        if self.other is None:
+            return evidence
+        return evidence.either(self.other.evidence(self.rows.command, joints, columns, variants))
 
     @cached_property
     def _in_step(self) -> ColumnEvidence:
@@ -105,7 +114,7 @@ class JointEvidence:
         joints = np.concatenate([np.repeat(every, len(every)), np.repeat(every, len(groups))])
         columns = np.concatenate([np.tile(every, len(every)), np.repeat(every, len(groups))])
         variants = np.concatenate([np.full(len(every) ** 2, AS_LOGGED), np.tile(groups, len(every))])
-        return self.motion.evidence(self.rows.command, joints, columns, variants)
+        return self._evidence(joints, columns, variants)
 
     @property
     def crossed(self) -> ColumnEvidence:
@@ -118,9 +127,17 @@ class JointEvidence:
         groups = self.rows.command.shape[2] - len(DELAYS)
         if number >= len(DELAYS):
             return self._in_step.take(m * m + every * groups + number - len(DELAYS))
-        if number == AS_LOGGED and self.orders:
-            return self._in_step.take(every * (m + 1))
+        if number == AS_LOGGED:
+            return self._in_step.take(every * (m + 1)) if self.orders else self._as_logged
         return self.delayed.take(every * len(DELAYS) + number)
+
+    @cached_property
+    def _as_logged(self) -> ColumnEvidence:
+        """Of each joint's own column; it does not wait for all delays."""
+        every = np.arange(len(self.joint_indices))
+        if "delayed" in self.__dict__:
+            return self.delayed.take(every * len(DELAYS) + AS_LOGGED)
+        return self._evidence(every, every, np.full(len(every), AS_LOGGED))
 
     def over(self, values: Array | Mask, fill: float) -> Array:
         """(k,) of all joints, from those of the moving ones (m,)."""

@@ -84,10 +84,10 @@ INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order o
 GRADUAL = tuple(range(TORQUE + 1, TORQUE + 1 + len(DISTANCES) + len(WIDTHS)))
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
 FRICTION = (VISCOUS, COULOMB, DROP, *GRADUAL)
-CLOCK_TERMS = TERMS + tuple(
-    (INERTIA, VISCOUS, held, *more) for held, more in itertools.product(GRADUAL, ((), (DROP,)))
-)
-"""Where delays are compared: friction that turns round over a distance looks late."""
+TURNS = GRADUAL[:3], GRADUAL[2:5], GRADUAL[4:7], GRADUAL[7:]
+CLOCK_TERMS = TERMS + tuple((INERTIA, VISCOUS, *one, DROP) for one in TURNS)
+"""Where delays are compared: friction that turns round over a distance looks late. Neighbours with positive
+coefficients are any distance between them (Iwan 1966); in a slow turn 1.4 times a distance is 40 ms."""
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
@@ -137,6 +137,11 @@ class ColumnEvidence:
     def take(self, which: Index | slice) -> ColumnEvidence:
         """Of some pairs."""
         return ColumnEvidence(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def either(self, other: ColumnEvidence) -> ColumnEvidence:
+        """Of two models that are as likely before the data, pair by pair."""
+        both = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+        return ColumnEvidence(*(np.asarray(log_sum(one, axis=0)) for one in both))
 
 
 def least(one: Array, other: Array) -> Array:
@@ -197,8 +202,16 @@ class WhitenedMotion:
     @cached_property
     def without_turns(self) -> WhitenedMotion:
         """The same motion without reversals, at the points that delays take."""
-        grid = CLOCK + (NEAR_FILE if self.rows.torque is not None else ())
-        return WhitenedMotion(self.rows.without_turns(), self.joint_indices, grid, terms=CLOCK_TERMS)
+        return WhitenedMotion(self.rows.without_turns(), self.joint_indices, self._clock)
+
+    @cached_property
+    def with_memory(self) -> WhitenedMotion:
+        """The same motion with friction that turns round over a distance, at the points that delays take."""
+        return WhitenedMotion(self.rows, self.joint_indices, self._clock, terms=CLOCK_TERMS)
+
+    @property
+    def _clock(self) -> tuple[Point, ...]:
+        return CLOCK + (NEAR_FILE if self.rows.torque is not None else ())
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """For each point, the lower Cholesky factor of the covariance, common to all joints and columns."""

@@ -1,8 +1,9 @@
 """Rows of all logs of a robot through one zero-phase filter: motion, regressors, and commands to explain.
 
 Positions pass 5 Hz, regressors and commands 2 Hz. The friction column is formed between the two filters: its
-step at a reversal has to pass the filter that the command passes. A few hundred rows are kept: a command
-behind a filter of 2 Hz says little more.
+step at a reversal has to pass the filter that the command passes. Its speed passes a filter that does not
+ring: before a joint breaks away, ringing has the opposite sign. A few hundred rows are kept: a command behind
+a filter of 2 Hz says little more.
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ KEPT_RATE = 50.0  # Hz at which regressors are formed
 MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and their regressors
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
+GAUSSIAN = 0  # order of the filter of that speed
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
 # rad (m: a quarter) over which friction turns round, to 1/e (Dahl 1968): gears have 0.001 to 0.02
 DISTANCES, OF_SLIDES = tuple(0.0005 * 2.0**i for i in range(7)), 0.25
-WIDTHS = (0.06, 0.12)  # of a joint's top speed, over which it may turn round as well
+WIDTHS = (0.01, 0.06, 0.12)  # of a joint's top speed, over which it may turn round as well
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
-STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
+# parts of its top speed below which a joint stands, and s for which it is slower: gears stick 0.2 to 0.5 s
+# before they turn round
+STANDS = ((STEP_SPEED, 0.5), (0.02, 0.15))
 TURN_SPEED = 0.1  # of top speed, below which a joint turns round
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
 APART, FLOOR = 5.0, 1e-3  # rows that one independent row is worth; of a variance, what nothing explains
@@ -231,18 +235,20 @@ def _filtered(
     """
     grid, thin = _grid(log)
     cutoff = _cutoff(rate)
-    moved = smooth(grid, resample(log.t, log[path.name], grid), MOTION_HZ, ORDER)
+    positions = resample(log.t, log[path.name], grid)
+    moved = smooth(grid, positions, MOTION_HZ, ORDER)
     q, qd, qdd = moved.value[thin], moved.first[thin], moved.second[thin]
+    speed = smooth(grid, positions, MOTION_HZ, GAUSSIAN).first[thin]
     t = grid[thin]
     top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
-    still = _stands(t, qd, STEP_SPEED * top)
-    step = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
+    still = _stands(t, speed, top)
+    step = np.where(still, 0.0, np.tanh(speed / (STEP_SPEED * top)))
     friction = step - FALL * qd / top
-    drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
+    drop = step * np.exp(-np.abs(speed) / (DROP_SPEED * top))
     slides = np.array([unit != "rad" for unit in path.units])
     steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
     gradual = dahl(steps, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
-    soft = np.stack([np.tanh(qd / (part * top)) for part in WIDTHS], axis=2)
+    soft = np.stack([np.tanh(speed / (part * top)) for part in WIDTHS], axis=2)
     gradual = np.concatenate([gradual, soft], axis=2) - (FALL * qd / top)[:, :, None]
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
     parts["gradual"] = gradual.reshape(len(q), -1)
@@ -260,15 +266,18 @@ def _filtered(
     return rows, [smooth(t, hat, cutoff, ORDER).value[keep] if hat.size else hat[keep] for hat in hats]
 
 
-def _stands(t: Array, qd: Array, slow: Array) -> Mask:
-    """(n, k) where joints stay below the speeds `slow` (k,) for STAND_S."""
-    width = max(1, round(STAND_S * (len(t) - 1) / float(t[-1] - t[0])))
-    beside = np.pad(qd, ((width // 2 + 1, width - 1 - width // 2), (0, 0)), "symmetric")
-    total = np.cumsum(beside, axis=0)
-    still = np.asarray(np.abs(total[width:] - total[:-width]) < width * slow)
-    for column in still.T:
-        for a, b in runs(column):
-            column[a:b] = b - a >= width
+def _stands(t: Array, qd: Array, top: Array) -> Mask:
+    """(n, k) where joints of top speeds (k,) stand, by STANDS."""
+    still = np.zeros(qd.shape, dtype=np.bool_)
+    for part, seconds in STANDS:
+        width = max(1, round(seconds * (len(t) - 1) / float(t[-1] - t[0])))
+        beside = np.pad(qd, ((width // 2 + 1, width - 1 - width // 2), (0, 0)), "symmetric")
+        total = np.cumsum(beside, axis=0)
+        slow = np.asarray(np.abs(total[width:] - total[:-width]) < width * part * top)
+        for column in slow.T:
+            for a, b in runs(column):
+                column[a:b] = b - a >= width
+        still |= slow
     return still
 
 

@@ -493,3 +493,39 @@ def test_a_drive_that_only_pushes_and_then_does_nothing_is_not_clipped() -> None
     log = noisy()
     pushes = np.maximum(log["command"], 0.0)
     assert not any(f.check == "clipped" for f in told(changed(log, command=pushes)))
+
+
+def following(log: Log, scales: Array, order: list[int]) -> Log:
+    """The log with desired positions that it follows with some lag; its own are scaled, in another order."""
+    plan = Channel("q_des", NAMES, ("rad",) * 3, "plan")
+    desired = np.stack([np.interp(log.t + 0.02, log.t, column) for column in log["q"].T], axis=1)
+    channels = {**log.channels, "q_des": plan}
+    return replace(
+        log, channels=channels, values={**log.values, "q": log["q"][:, order] * scales, "q_des": desired}
+    )
+
+
+@pytest.mark.parametrize(
+    ("scales", "order", "words"),
+    [
+        ([1.0, -1.0, 1.0], [0, 1, 2], ["second moves against the desired one"]),
+        ([-1.0, 1.0, -1.0], [0, 1, 2], ["first moves against", "third moves against"]),
+        ([1.0, 1.0, 57.3], [0, 1, 2], ["third is about 57 times the desired one"]),
+        ([1.0, 1.0, 1.0], [0, 2, 1], ["second follows the desired one of third", "third follows"]),
+    ],
+)
+def test_positions_unlike_the_desired_ones(scales: list[float], order: list[int], words: list[str]) -> None:
+    found = one(following(noisy().without("qd"), np.array(scales), order))
+    assert (found.check, found.light) == ("desired", "red")
+    assert found.sentence.count(";") == len(words) - 1
+    sentence = found.sentence
+    for own, name in zip(("first", "second", "third"), NAMES, strict=True):
+        words = [text.replace(own, name) for text in words]
+    assert all(text in sentence for text in words), sentence
+
+
+def test_positions_that_follow_or_stand_are_silent() -> None:
+    log = following(noisy().without("qd"), np.ones(3), [0, 1, 2])
+    assert told(log) == []
+    stuck = log["q"] * [1.0, 1e-5, 1.0]
+    assert not any(f.check == "desired" for f in told(changed(log, q=stuck)))
