@@ -55,6 +55,12 @@ def scale_finding(motion: Seen, torque: Array, limit: Array) -> Finding | None:
     values = ", ".join(f"{value:.2g}" for value in slope[comparable])
     names, quantity = named(motion.parts, comparable), _quantity(motion.units, comparable)[0]
     fact = f"Commands of {names} are {values} times the file's {quantity}."
+    size = np.log(np.abs(slope[comparable]))
+    if len(size) > 1 and np.ptp(size) < np.log(NEAR_FACTOR) and np.abs(size).min() > np.log(NEAR_FILE):
+        step = (
+            "Check the gear ratios, the torque constants, and the masses of the file: all factors are alike."
+        )
+        return Finding(SCALE, "yellow", fact, step)
     return Finding(SCALE, "green", fact)
 
 

@@ -41,6 +41,13 @@ def agreed(longer: Array, shorter: Array) -> float:
     return float(each.sum() - (each.max() if len(each) > 1 else 0.0))
 
 
+def disagreement(each: Array, best: int) -> float:
+    """What a delay of each joint's own explains beyond a common one, from log evidences (m, d): by so much
+    friction looks like a delay.
+    """
+    return float((each.max(axis=1) - each[:, best]).sum())
+
+
 def at_edge_of(evidence: JointEvidence) -> bool:
     return int(delays(evidence).argmax()) in (0, len(DELAYS) - 1)
 
@@ -178,10 +185,11 @@ def _log_delay(log: Log, path: Channel) -> tuple[int, float]:
 
 def _likeliest(each: Array) -> tuple[int, float]:
     """Of log evidences (c, m, d) by class and joint; the odds are those of the least favourable class."""
-    total = np.logaddexp.reduce(each, axis=0).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
+    joints = log_sum(each, axis=0)
+    total = joints.sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
     best = int(total.argmax())
     near, prior = _likeliest_short(total, best)
-    return best, agreed(each[..., best].T, each[..., near].T) + prior
+    return best, agreed(each[..., best].T, each[..., near].T) + prior - disagreement(joints, best)
 
 
 def _likeliest_short(total: Array, best: int) -> tuple[int, float]:
@@ -241,4 +249,6 @@ def late(clock: JointEvidence, fresh: Sequence[int]) -> Decision | None:
 def _odds_of(evidence: JointEvidence, best: int) -> float:
     """Log odds of one of DELAYS against the likeliest short one, by the agreement of the joints."""
     near, prior = _likeliest_short(delays(evidence), best)
-    return agreed(*(evidence.variant(i).by_class() for i in (best, near))) + prior
+    joints = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)
+    odds = agreed(*(evidence.variant(i).by_class() for i in (best, near))) + prior
+    return odds - disagreement(joints, best)

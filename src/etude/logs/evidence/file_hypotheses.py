@@ -233,7 +233,9 @@ class FileFit:
         return self._likelihood(self.left(torque))
 
     def _likelihood(self, left: Array) -> float:
-        return -0.5 * len(self.rows.t) / APART * float(np.log(left + FLOOR).sum())
+        # each column of a basis takes a row; stands have many
+        free = len(self.rows.t) - np.array([self._bases[j].shape[1] for j in self.joint_indices.tolist()])
+        return float(-0.5 / APART * (free @ np.log(left + FLOOR)))
 
     def score_of_means(self, torque: Array) -> float:
         """Log likelihood of the commands' means, which `score` leaves out: the weight of a slide is constant.

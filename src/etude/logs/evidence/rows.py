@@ -41,6 +41,8 @@ LEAST_S = 1.0  # s of a stretch that is looked at
 STANDS = ((STEP_SPEED, 0.5), (0.02, 0.15))
 TURN_SPEED = 0.1  # of top speed, below which a joint turns round
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
+# s between the ends of a stand and knots: feedback winds up at once, as fast as the filter of 2 Hz lets it
+ENDS = (0.0, 0.25, 0.5, 1.0)
 APART, FLOOR = 5.0, 1e-3  # rows that one independent row is worth; of a variance, what nothing explains
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
 DELAYS = (-0.1, -0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1, 0.15)  # s by which commands may be late
@@ -282,10 +284,13 @@ def _stands(t: Array, qd: Array, top: Array) -> Mask:
 
 
 def _hats(t: Array, still: Mask, apart: float) -> Array:
-    """(n, m) hat functions over each stand, with knots `apart` s from each other, or less."""
+    """(n, m) hat functions over each stand, with knots at ENDS from either end, and `apart` s between."""
     columns = [np.zeros((len(t), 0))]
     for a, b in runs(still):
-        knots = np.linspace(t[a], t[b - 1], 2 + int((t[b - 1] - t[a]) / apart))
+        half = 0.5 * (t[b - 1] - t[a])
+        near = [one for one in ENDS if one == 0.0 or one < half - 0.5 * ENDS[1]]
+        far = np.linspace(near[-1], 2.0 * half - near[-1], 2 + int(2.0 * (half - near[-1]) / apart))
+        knots = t[a] + np.concatenate([near[:-1], far, 2.0 * half - np.array(near[:-1])[::-1]])
         hats = np.zeros((len(t), len(knots)))
         hats[a:b] = np.column_stack([np.interp(t[a:b], knots, one) for one in np.eye(len(knots))])
         columns.append(hats)

@@ -332,6 +332,19 @@ def test_a_rotor_that_no_file_holds_is_no_unit_on_a_circle() -> None:
         assert found.light == light
 
 
+@pytest.mark.parametrize(
+    ("factors", "light"), [([0.5] * 3, "yellow"), ([0.7] * 3, "green"), ([0.4, 0.5, 0.7], "green")]
+)
+def test_factors_that_are_alike_are_worth_a_look(factors: list[float], light: str) -> None:
+    """A gear ratio or a torque constant is wrong; masses are wrong one by one."""
+    seen = commanded(moved())
+    assert seen is not None
+    assert seen.command is not None
+    found = scale_finding(replace(seen, command=factors * seen.command), seen.command, np.full(3, 100.0))
+    assert found is not None
+    assert (found.light, found.flag) == (light, "")
+
+
 def test_a_unit_shows_beside_what_is_a_joints_own() -> None:
     seen = commanded(moved())
     assert seen is not None

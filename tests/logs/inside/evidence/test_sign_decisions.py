@@ -249,7 +249,7 @@ def rough(log: Log, size: float) -> Log:
 
 
 def test_a_delay_is_asked_about_where_little_tells_it() -> None:
-    found = decided(rough(late(moved(), 0.06), 0.2))
+    found = decided(rough(late(moved(), 0.06), 0.17))
     assert (found.level, found.check) == ("ask", "delay")
     assert found.by == pytest.approx((0.06,), abs=0.005)
 
