@@ -496,10 +496,12 @@ class SupportsFileNotes(Protocol):
 class SupportsCommandedFiles(Protocol):
     """`Exporter` whose files may command other accelerations (T, 3) than the motion's; None: they do not.
 
+    answered: those (T, 3) that the receiver's own loop makes of them: limits of tilt hold for these.
     strays: positions (K, k), and the largest deviation from each if the learned accelerations are wrong.
     """
 
     def accelerations(self, files: Mapping[str, bytes]) -> Array | None: ...
+    def answered(self, files: Mapping[str, bytes]) -> Array | None: ...
     def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None: ...
 
 

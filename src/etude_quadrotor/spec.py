@@ -32,6 +32,8 @@ class QuadrotorSpec:
         climb, descent: largest vertical speeds of its autopilot, m/s, which clips faster set-points and lags.
             The values are PX4's own, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN. Without effect on simulated
             vehicles.
+        attitude_gain, velocity_damping: P of its autopilot's attitude, 1/s, and D of its horizontal velocity.
+            The values are PX4's own, MC_ROLL_P and MPC_XY_VEL_D_ACC; acceleration set-points allow for them.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that replaces the real one, or None.
         rotors: place and spin of each, in the order of the commands; (): four in an X, or unknown.
@@ -56,6 +58,8 @@ class QuadrotorSpec:
     ground: float | None = None
     climb: float = 3.0
     descent: float = 1.5
+    attitude_gain: float = 6.5
+    velocity_damping: float = 0.2
     vehicle: Vehicle | None = None
     plant: str | None = None
     rotors: tuple[Rotor, ...] = ()

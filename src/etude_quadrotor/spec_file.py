@@ -15,6 +15,8 @@ vertical_margin = 0.3            # optional: the same from floor and ceiling, m
 ground = 0.05                    # optional: height of its centre where it stands, m
 climb = 3.0                      # optional: fastest that the autopilot flies up, m/s (MPC_Z_VEL_MAX_UP)
 descent = 1.5                    # optional: and down (MPC_Z_VEL_MAX_DN)
+attitude_gain = 6.5              # optional: P of its attitude, 1/s (MC_ROLL_P)
+velocity_damping = 0.2           # optional: D of its horizontal velocity (MPC_XY_VEL_D_ACC)
 radius = 1.5                     # optional: of a cylinder about the z axis, m
 tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
@@ -76,6 +78,8 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     ground: float | None = None
     climb: float = 3.0
     descent: float = 1.5
+    attitude_gain: float = 6.5
+    velocity_damping: float = 0.2
     radius: float | None = None
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
@@ -121,6 +125,8 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         ground=table.ground,
         climb=table.climb,
         descent=table.descent,
+        attitude_gain=table.attitude_gain,
+        velocity_damping=table.velocity_damping,
         vehicle=vehicle,
         plant=table.plant,
         rotors=table.rotors,
@@ -173,6 +179,7 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
         "speed": spec.speed,
         "climb": spec.climb,
         "descent": spec.descent,
+        "attitude_gain": spec.attitude_gain,
         "radius": spec.radius,
         "tilt": spec.tilt,
         **({} if spec.vehicle is None else _vehicle_numbers(spec.vehicle)),
@@ -187,6 +194,8 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
         raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
     if not 0.0 <= spec.thrust_curve <= 1.0:
         raise UsageError(f"thrust_curve must be from 0 to 1, not {spec.thrust_curve:g}", where=where)
+    if not 0.0 <= spec.velocity_damping <= 2.0:  # PX4's own range
+        raise UsageError(f"velocity_damping must be from 0 to 2, not {spec.velocity_damping:g}", where=where)
     _check_commands(spec, where)
     _check_rotors(spec, where)
     _check_room(spec, where)
@@ -357,6 +366,8 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         ground=spec.ground,
         climb=spec.climb,
         descent=spec.descent,
+        attitude_gain=spec.attitude_gain,
+        velocity_damping=spec.velocity_damping,
         radius=spec.radius,
         tilt=spec.tilt,
         thrust=spec.thrust,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ speed = 8.0
 margin = 1.0
 vertical_margin = 0.3
 """
+PROMPT = "attitude_gain = 1000.0\nvelocity_damping = 0.0\n"
+"""Lines of robot.toml for a controller that follows an attitude at once: rotorpy's SE(3)."""
 
 
 def run(*arguments: object) -> str:
@@ -43,16 +46,20 @@ def run(*arguments: object) -> str:
     return said.getvalue()
 
 
-def table_of(path: Path) -> tuple[Array, Array]:
-    """Set-points (N, 9), and the drag (N, 3) that their accelerations hold against; east, north, up."""
+def table_of(path: Path, parts: Sequence[str] = ("drag", "cascade")) -> tuple[Array, Array]:
+    """Set-points (N, 9), and these parts (N, 3) of their accelerations; all are what is not the motion's own.
+    East, north, up.
+    """
     header, *rows = csv.reader(io.StringIO(path.read_text()))
     values = np.array(rows, dtype=float)
     place = {name: i for i, name in enumerate(header)}
     names = [prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")]
     points = values[:, [place[name] for name in names]].reshape(len(values), 3, 3) @ NED.T
-    known = [place[f"drag_{axis}"] for axis in ("north", "east", "down") if f"drag_{axis}" in place]
-    drag = values[:, known] @ NED.T if known else np.zeros((len(values), 3))
-    return points.reshape(len(values), 9), drag
+    added = np.zeros((len(values), 3))
+    for part in parts:
+        known = [place[f"{part}_{axis}"] for axis in ("north", "east", "down") if f"{part}_{axis}" in place]
+        added += values[:, known] @ NED.T if known else 0.0
+    return points.reshape(len(values), 9), added
 
 
 def learned_lab(
@@ -67,7 +74,7 @@ def learned_lab(
 ) -> tuple[Path, list[Flight]]:
     """A campaign that has learned so many of its own proposals, flown with the set-points that it wrote."""
     lab, robot = folder / "lab", folder / "quad.toml"
-    robot.write_text(ROBOT)
+    robot.write_text(ROBOT + (PROMPT if issubclass(controller, Geometric) else ""))
     run("init", lab, "--robot", robot, "--seed", seed)
     if quick:
         text = (lab / "campaign.toml").read_text()
@@ -90,7 +97,7 @@ def learned_lab(
 
 
 def exported(lab: Path, motion: Path, output: Path) -> tuple[Array, Array]:
-    """The set-points of a motion of one's own as `etude export` writes them for PX4, and the drag in them."""
+    """Set-points of a motion of one's own as `etude export` writes them for PX4, and what is added."""
     given = ("--set", f"motion={motion}", "format=px4")
     run("export", lab, "--to", "trajectory", *given, "--output", output)
     return table_of(output / "px4" / "setpoints.csv")

@@ -55,8 +55,9 @@ def test_a_motion_of_ones_own_leaves_with_the_learned_drag(lab: Path, tmp_path: 
 def test_the_certificate_is_of_the_motion_and_says_so(lab: Path, tmp_path: Path) -> None:
     exported(lab, eight(tmp_path), tmp_path / "out")
     proof = json.loads((tmp_path / "out" / "px4" / "certificate.json").read_text())
-    said, beside = proof["notes"]
+    said, receiver, beside = proof["notes"]
     assert "commands, not the motion" in said
+    assert "PX4's cascade" in receiver
     assert "If the learned drag is wrong" in beside
     rows = [row for row in proof["rows"] if "learned is wrong" in row["quantity"]]
     assert [row["axis"] for row in rows] == ["x", "y", "z"]
@@ -113,3 +114,19 @@ def test_on_board_no_force_is_commanded_twice(
         for extra in (None, added)
     )
     assert with_it <= 1.02 * own
+
+
+def test_px4s_own_cascade_follows_them_better_than_the_motions_own(tmp_path: Path) -> None:
+    """The part for the cascade is most of it: against the drag alone the delay remains."""
+    lab, _ = learned_lab(tmp_path, 1, frame=FRAME, controller=Cascade, quick=True)
+    table, added = exported(lab, eight(tmp_path), tmp_path / "out")
+    _, cascade = table_of(tmp_path / "out" / "px4" / "setpoints.csv", ("cascade",))
+    plain, held = table.copy(), table.copy()
+    plain[:, 6:9] -= added
+    held[:, 6:9] -= cascade
+    told, against_drag, own = (
+        fly(rows[:350], frame=FRAME, controller=Cascade, seed=7).error(3.0) for rows in (table, held, plain)
+    )
+    print(f"{own:.3f} m with the motion's own, {against_drag:.3f} with the drag, {told:.3f} as exported")
+    assert told < 0.5 * against_drag
+    assert told < 0.3 * own

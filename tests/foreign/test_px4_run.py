@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("pymavlink", reason="the driver px4 needs pymavlink")
 
 import numpy as np
-from flight_lab import ROBOT, run
+from flight_lab import PROMPT, ROBOT, run
 from flights import QUICK
 
 from etude.campaign import open_campaign
@@ -21,7 +21,7 @@ DRIVER = Path(__file__).with_name("px4_rotorpy.py")
 def test_the_learned_drag_halves_the_error_of_a_motion_that_no_model_learned(tmp_path: Path) -> None:
     """Flown, recorded, learned and confirmed without a hand."""
     lab, robot = tmp_path / "lab", tmp_path / "quad.toml"
-    robot.write_text(ROBOT)
+    robot.write_text(ROBOT + PROMPT)  # it flies by rotorpy's SE(3)
     run("init", lab, "--robot", robot)
     settings = (lab / "campaign.toml").read_text()
     for slow, quick in QUICK.items():

@@ -82,7 +82,7 @@ def certify_played(
 
     Args:
         exporter: its attribute `back` reads the files as their receiver does. Optional attributes: `notes`
-            gives further contents of the files, `accelerations` the commanded accelerations, and `strays` the
+            gives further contents of the files, `answered` the accelerations that result, and `strays` the
             deviation from the plan under its feedback if the learned additions are wrong.
         files: the exported files.
         limits: of the robot.
@@ -98,9 +98,14 @@ def certify_played(
         curve = _cut(replace(curve, like=motion.form), motion)
     notes = exporter.notes(files) if isinstance(exporter, SupportsFileNotes) else ()
     certificate = certify(curve, limits, control=control, partial=True)
-    sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
+    answered = exporter.answered(files) if isinstance(exporter, SupportsCommandedFiles) else None
     strays = _offset_rows(_possible_offsets(exporter, files), limits)
-    rows = (*certificate.rows, *_held_setpoint_rows(curve, limits, control), *_tilts(sent, limits), *strays)
+    rows = (
+        *certificate.rows,
+        *_held_setpoint_rows(curve, limits, control),
+        *_tilts(answered, limits),
+        *strays,
+    )
     certificate = replace(certificate, rows=rows, notes=notes)
     for row in certificate.failed:
         if row.quantity == REST:
@@ -121,21 +126,21 @@ def certify_played(
     return certificate
 
 
-def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
+def _tilts(answered: Array | None, limits: Sequence[Limit]) -> list[Proof]:
     """Tilt rows of commanded accelerations (T, 3): each is held, so that samples are exact."""
-    if sent is None:
+    if answered is None:
         return []
     rows = []
     for limit in (candidate for candidate in limits if isinstance(candidate, TiltLimit)):
-        most = float(limit.of_acceleration(sent).max())
+        most = float(limit.of_acceleration(answered).max())
         angle, name = limit.angle, f"{limit.quantity}, commanded"
         rows.append(Proof(limit.axis, name, -angle, angle, -most, most, "what the rows say"))
     return rows
 
 
 def learned_part(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
-    """Times (K,) s, and what was learned of the accelerations that files command then, (K, k), in addition to
-    the motion's own. None: nothing.
+    """Times (K,) s, and the accelerations that files command then in addition to the motion's own, (K, k),
+    because of what was learned. None: nothing.
     """
     sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
     curve = exporter.back(files)

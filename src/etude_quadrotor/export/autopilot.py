@@ -16,6 +16,7 @@ from etude.deploy.targets.c99.target import BARE, Files, cheaper_options, checke
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
+from etude_quadrotor.spec import QuadrotorSpec
 
 CRAZYFLIE_MOTORS = 4  # the firmware of other airframes has its own mixer
 OUTSIDE = "Far outside the training data the last good addition fades out within 0.2 s."
@@ -160,7 +161,7 @@ class Autopilot:
         less = cheaper_options(made.plan, form)
         rate = chosen_rate(self.chip, operations, RATES, settings.rate, single=form.single, cheaper=less)
         cost = cost_in_words(self.chip, operations, rate, single=form.single)
-        placeholders = _placeholders(made, self.name, rate)
+        placeholders = _placeholders(made, self.name, rate, spec)
         files = {**made.files, **lean}
         for template, place in self.sources.items():
             files[place.replace("@NAME@", made.plan.name)] = _filled(template, placeholders)
@@ -180,7 +181,7 @@ PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.
 CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"}, M4F, 1)
 
 
-def _placeholders(made: Files, target: str, rate: float) -> dict[str, str]:
+def _placeholders(made: Files, target: str, rate: float, spec: QuadrotorSpec) -> dict[str, str]:
     plan, single_precision = made.plan, made.form.single
     return {
         "NAME": plan.name,
@@ -192,6 +193,8 @@ def _placeholders(made: Files, target: str, rate: float) -> dict[str, str]:
         "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "    ")),
         "MOTORS": ", ".join(map(str, _motors(plan, target))),
         "RATE": f"{rate:.0f}",
+        "LATE": f"{1.0 / spec.attitude_gain:.6f}",
+        "DAMPING": f"{spec.velocity_damping:.6f}",
     }
 
 

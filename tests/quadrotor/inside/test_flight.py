@@ -152,6 +152,13 @@ def test_px4_motors_get_what_motion_takes(model: Any, px4: Path) -> None:
     np.testing.assert_allclose(found[:, 1:5][:, ORDER], 0.5 + part() * own, atol=1e-4)
 
 
+def ahead(own: Motion, lag: float) -> Motion:
+    """Horizontal velocity and acceleration of `lag` s later, to first order: PX4 turns the vehicle first."""
+    orders = own.orders.copy()
+    orders[1:3, :, :2] += lag * own.orders[2:4, :, :2]
+    return Motion(own.t, orders)
+
+
 @pytest.mark.parametrize("leans", [0.0, 1.0])
 def test_px4_holds_against_the_learned_drag(dragged: Any, tmp_path: Path, leans: float) -> None:
     """Set-points that Etude wrote hold the drag already; of others the glue finds it. Both are one flight."""
@@ -166,7 +173,11 @@ def test_px4_holds_against_the_learned_drag(dragged: Any, tmp_path: Path, leans:
     wanted = 0.5 + part() * (extra - collective(told))
     np.testing.assert_allclose(found[:, 1:5][:, ORDER], wanted, atol=1e-4 if not leans else 1e-3)
     if not leans:
-        np.testing.assert_allclose(found[:, -3:] @ ENU.T, told, atol=1e-4)
+        later = ahead(own, 1.0 / spec().attitude_gain)
+        answers = FlightFeedforward(drag=dragged.inputs.lateral).accelerations(later)
+        assert answers is not None
+        answers[:, :2] += spec().velocity_damping * own.orders[2, :, :2]
+        np.testing.assert_allclose(found[:, -3:] @ ENU.T, answers, atol=1e-4)
         assert np.abs(told - own.orders[2]).max() > 0.15
 
 

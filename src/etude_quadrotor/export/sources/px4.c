@@ -7,6 +7,8 @@
 
 #define QUARTER 1.5707963f /* yaw 0 looks north in PX4, and along x, east, in the model's world */
 #define GRAVITY 9.81f
+#define LATE @LATE@f       /* s by which PX4 answers a horizontal acceleration: 1/MC_ROLL_P */
+#define DAMPING @DAMPING@f /* of the measured acceleration that PX4 takes off: MPC_XY_VEL_D_ACC */
 #define RATE @RATE@.0f /* Hz at which the model is asked; between, its last answer holds */
 #define OFFBOARD 14 /* vehicle_status: NAVIGATION_STATE_OFFBOARD */
 
@@ -88,12 +90,21 @@ unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *
 int @NAME@_px4_lean(struct trajectory_setpoint_s *asked)
 {
     @NAME@_real velocity[3], acceleration[3], lean[3];
-    up(asked->velocity, velocity);
-    up(asked->acceleration, acceleration);
+    float later[3];
+    int i;
+    /* horizontally those of LATE s later */
+    for (i = 0; i < 3; ++i)
+        later[i] = asked->velocity[i] + (i < 2 ? LATE * asked->acceleration[i] : 0.0f);
+    up(later, velocity);
+    for (i = 0; i < 3; ++i)
+        later[i] = asked->acceleration[i] + (i < 2 && is_number(asked->jerk[i]) ? LATE * asked->jerk[i] : 0.0f);
+    up(later, acceleration);
     if (!@NAME@_lean(velocity, acceleration, QUARTER - asked->yaw, lean))
         return 0;
-    asked->acceleration[0] += (float)lean[1];
-    asked->acceleration[1] += (float)lean[0];
+    if (!(lean[0] < 0 || lean[0] > 0 || lean[1] < 0 || lean[1] > 0))
+        return 0; /* without drag the delay replaces what nobody compensates */
+    asked->acceleration[0] = later[0] + (float)lean[1] + DAMPING * asked->acceleration[0];
+    asked->acceleration[1] = later[1] + (float)lean[0] + DAMPING * asked->acceleration[1];
     asked->acceleration[2] -= (float)lean[2];
     return 1;
 }

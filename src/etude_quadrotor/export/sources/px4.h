@@ -27,8 +27,9 @@ typedef struct {
 unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *asked, const @NAME@_px4 *beside,
                         float dt, struct actuator_motors_s *motors);
 
-/* Lets a set-point that Etude did not write hold against the learned drag: call it before PositionControl takes it,
-   and say leans = 0 above. Returns 0 where nothing was added. */
+/* Lets a set-point that Etude did not write hold against the learned drag, and allow for delay and damping of
+   PX4's cascade, better with its jerk: call it before PositionControl takes it, and say leans = 0 above. Returns 0
+   where nothing was added. */
 int @NAME@_px4_lean(struct trajectory_setpoint_s *asked);
 
 #ifdef __cplusplus
