@@ -12,6 +12,7 @@ from loading_examples import write
 from test_identified_files import motion, spec_of
 
 from etude.models import NORMAL_95, Load, about_origin, apparent_loads, load_of
+from etude.models.change.payload_estimate import FRICTION, GAIN
 from etude.types import Log, Samples
 from etude_arm import ArmPhysics, ArmSpec
 
@@ -123,6 +124,30 @@ def test_a_warm_drive_is_no_load(spec: ArmSpec, kg: float, friction: float, gain
     assert load.verdict == ("load" if kg else "none")
     assert abs(load.mass - kg) < 2.5 * load.deviation
     assert load.deviation < 0.12 * KG, "a drift costs little"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kg", [0.0, KG])
+def test_drifts_drawn_from_their_priors_are_covered(spec: ArmSpec, kg: float) -> None:
+    """60 drives, each joint with its own factors: intervals hold, and no load is found in an empty hand."""
+    rng, z, verdicts = np.random.default_rng(6), [], set()
+    for seed in range(60):
+        _, samples, body = parts(spec, kg, seed)
+        weight, load = 3.0 * body.predict(samples.log), samples.command
+        rub, gain = 1.0 + FRICTION * rng.normal(size=spec.dof), 1.0 + GAIN * rng.normal(size=spec.dof)
+
+        def drifted(
+            q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, there: Any = (weight, load, rub, gain)
+        ) -> Any:
+            own, carried, factor, constant = there
+            learned = rubbing(own / 3.0, qd)
+            return constant * (own + factor * (learned - own) + carried) - carried - learned
+
+        one = found(spec, kg, seed, error=drifted, learned=rubbing)
+        z.append((one.mass - kg) / one.deviation)
+        verdicts.add(one.verdict)
+    assert verdicts == {"load" if kg else "none"}
+    assert np.mean(np.abs(z) < NORMAL_95) >= 0.88, "95 % of 60, less two deviations"
 
 
 def test_friction_that_was_not_learned_is_left_beside_the_load(spec: ArmSpec) -> None:

@@ -29,7 +29,7 @@ ROUGH = 0.25
 SCALE = "scale"
 """The check of command units that a load may trigger."""
 MUCH_LEFT = 4.0
-"""Ratio of squared errors with the load to the predicted variance; above it more than a load has changed."""
+"""`Load.left`; above it more than a load has changed."""
 MOTION = "Record the motion that identifies the payload best: etude ask {} --payload."
 ITS_MOTION = "This log is of the motion that identifies the payload best."
 
@@ -141,8 +141,8 @@ def _sentences(load: Load, better: str) -> tuple[str, ...]:
     if load.left <= MUCH_LEFT:
         return sentences
     other = (
-        f"With this load, squared errors are still {load.left:.2g} times their variance: more than a load "
-        "has changed, or the log is of another robot. etude watch names other causes."
+        f"With this load, squared errors or drifts are {load.left:.2g} times their variance: more than a "
+        "load and warm drives has changed, or the log is of another robot. etude watch names other causes."
     )
     return (*sentences, other)
 
