@@ -371,10 +371,10 @@ def _flight(
         sentences.append(
             f"Motors 1 to {len(rotors)} by CA_ROTOR parameters, for robot.toml: rotors = [{text}]."
         )
-    for name, (key, usual) in STATED.items():
-        value = float(parameters.get(name, usual))
+    for parameter, (key, usual) in STATED.items():
+        value = float(parameters.get(parameter, usual))
         if not np.isclose(value, usual):  # the log is in single precision
-            sentences.append(f"{name} is {value:.3g}, for robot.toml: {key} = {value:.3g}.")
+            sentences.append(f"{parameter} is {value:.3g}, for robot.toml: {key} = {value:.3g}.")
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
         name = next((one for one in names if one in instances), None)
