@@ -359,7 +359,8 @@ class ClearPoseSource:
         return UnsafeTrajectoryError(
             "no motion about any of the poses tried keeps all limits"
             + (f": most of them violate {' and '.join(often)}" if often else ""),
-            next_step="In the robot file, correct limits narrower than the data sheet's, and obstacles. "
+            next_step="In the robot file, correct limits narrower than the data sheet's, masses that springs "
+            "carry, and obstacles. "
             "Its list confirm names pairs of links with little clearance. Deviations of commands may "
             "be smaller after `etude tell` with a first, slow log of the robot.",
         )

@@ -154,6 +154,7 @@ class LearnedModel:
         ranges: (2, D) least and largest of each input trained on.
         calibrated: whether enough trajectories were held out for the variances to be believed.
         independence: (J,) see `worth`.
+        different: share of the commands whose held-out errors are different ones, `different_outputs`.
         freedom: degrees of freedom of Student's t, the tails of held-out errors over predicted deviations.
         member: name of the processes' member, to restore them by.
         width: (J,) factor on all variances that are told, as logs left out ask for (`selection.width`); what
@@ -170,6 +171,7 @@ class LearnedModel:
     calibrated: bool
     independence: Array
     freedom: float = FREEDOM
+    different: float = 1.0
     member: str = "exact"
     least: Array | None = None
     width: Array | None = None

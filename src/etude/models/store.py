@@ -70,6 +70,7 @@ def model_bytes(model: LearnedModel) -> bytes:
         "commands": model.commands,
         "calibrated": model.calibrated,
         "freedom": model.freedom,
+        "different": model.different,
         "student": None if model.student is None else asdict(model.student),
         "warnings": [one.to_json() for one in model.warnings],
     }
@@ -114,6 +115,7 @@ def model_of(
         calibrated=bool(metadata["calibrated"]),
         independence=arrays["independence"],
         freedom=float(metadata.get("freedom", FREEDOM)),
+        different=float(metadata.get("different", 1.0)),
         member=metadata["member"],
         least=arrays.get("least"),
         width=arrays.get("width"),

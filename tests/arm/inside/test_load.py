@@ -31,13 +31,16 @@ def found(
     size: float = 3.0,
     error: Any = None,
     apparent: np.ndarray | None = None,
+    learned: Any = None,
 ) -> Load:
     """Of 40 s along a motion; error: (n, J) of states that the model makes beside noise that remembers."""
-    return load_of(*parts(spec, kg, seed, size, error), apparent)
+    return load_of(*parts(spec, kg, seed, size, error, learned), apparent)
 
 
-def parts(spec: ArmSpec, kg: float, seed: int, size: float = 3.0, error: Any = None) -> tuple[Any, ...]:
-    """A model that knows nothing, samples, and the body."""
+def parts(
+    spec: ArmSpec, kg: float, seed: int, size: float = 3.0, error: Any = None, learned: Any = None
+) -> tuple[Any, ...]:
+    """A model that knows nothing but what was `learned` (n, J) of states, samples, and the body."""
     rng = np.random.default_rng(seed)
     states = [size * part for part in motion(rng, 800, spec.dof)]
     channels = {c.name: c for c in spec.channels()}
@@ -51,13 +54,17 @@ def parts(spec: ArmSpec, kg: float, seed: int, size: float = 3.0, error: Any = N
         noise[k] = 0.8 * noise[k - 1] + 0.6 * noise[k]
     command = body.links(log)[:, :, -1] @ ten + NOISE * noise
     command += 0.0 if error is None else error(*states)
-    log = log.put(channels["command"], command)
+
+    def mean(of: Log) -> np.ndarray:
+        return np.zeros_like(command) if learned is None else learned(body.predict(of), of["qd"])
+
+    log = log.put(channels["command"], command + mean(log))
     samples = Samples(
         log, np.zeros(800, np.int64), np.ones(command.shape, bool), np.ones(command.shape, bool)
     )
     known = np.full(command.shape, NOISE**2)
     model = SimpleNamespace(
-        parted=lambda _: (np.zeros_like(command), known, known), worth=lambda: np.full(spec.dof, 0.1)
+        parted=lambda of: (mean(of), known, known), mean=mean, worth=lambda: np.full(spec.dof, 0.1)
     )
     return model, samples, body
 
@@ -91,6 +98,39 @@ def test_more_friction_is_no_load(spec: ArmSpec) -> None:
     load = found(spec, 0.0, error=lambda q, qd, qdd: 0.8 * np.tanh(qd / 0.04))
     assert load.verdict != "load"
     assert load.left > 4.0
+
+
+def rubbing(weight: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    """Commands (n, J) of a learned arm: its weight, which dwarfs the load's, and its friction."""
+    return 3.0 * weight + 2.0 * np.tanh(qd / 0.04) + 0.5 * qd
+
+
+@pytest.mark.parametrize("kg", [0.0, KG])
+@pytest.mark.parametrize(
+    ("friction", "gain"), [(0.6, 1.0), (1.4, 1.0), (1.0, 0.97), (1.0, 1.03), (0.8, 1.02)]
+)
+def test_a_warm_drive_is_no_load(spec: ArmSpec, kg: float, friction: float, gain: float) -> None:
+    """Friction and torque constants drift within their priors; the load stays inside its interval."""
+    _, samples, body = parts(spec, kg, 4)
+    weight = body.predict(samples.log)
+
+    def drifted(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        load = parts(spec, kg, 4)[1].command
+        there = 3.0 * weight + friction * (rubbing(weight, qd) - 3.0 * weight)
+        return gain * (there + load) - load - rubbing(weight, qd)
+
+    load = found(spec, kg, 4, error=drifted, learned=rubbing)
+    assert load.verdict == ("load" if kg else "none")
+    assert abs(load.mass - kg) < 2.5 * load.deviation
+    assert load.deviation < 0.12 * KG, "a drift costs little"
+
+
+def test_friction_that_was_not_learned_is_left_beside_the_load(spec: ArmSpec) -> None:
+    quiet = found(spec, 0.0, 4, learned=rubbing)
+    assert quiet.left < 2.0
+    other = found(spec, 0.0, 4, learned=rubbing, error=lambda q, qd, qdd: 4.0 * np.sin(5.0 * q))
+    assert other.left > 4.0
+    assert other.verdict != "load"
 
 
 def test_a_motion_that_hardly_moves_cannot_tell_where_the_centre_is(spec: ArmSpec) -> None:

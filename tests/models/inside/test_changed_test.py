@@ -12,6 +12,7 @@ from etude.models.change.change_detection import (
     FREEDOM,
     KAPPA2,
     MOST_FREEDOM,
+    different_outputs,
     evidence,
     independence,
     scores,
@@ -63,6 +64,27 @@ def test_heavy_tails_are_no_other_robot_and_a_doubled_deviation_is() -> None:
     at = first_alarm(found, ALARM)
     assert at is not None
     assert found[at] > ALARM >= found[at - 1]
+
+
+def test_motors_of_one_axis_err_alike_and_count_once() -> None:
+    """Eight motors that share four errors: chance passes as rarely as with the four, in 400 runs."""
+    rng, mix = np.random.default_rng(1), np.linalg.qr(np.random.default_rng(0).standard_normal((8, 4)))[0]
+    mix /= np.linalg.norm(mix, axis=1)[:, None]
+    runs, worth = rng.standard_normal((400, 60, 4)), np.ones(8)
+    share = different_outputs((runs @ mix.T).reshape(-1, 8), MOST_FREEDOM)
+    assert 0.3 < share <= 0.5
+    alarms = [first_alarm(evidence(z @ mix.T, share * worth), 5.0) is not None for z in runs]
+    naive = [first_alarm(evidence(z @ mix.T, worth), 5.0) is not None for z in runs]
+    single = [first_alarm(evidence(z, np.ones(4)), 5.0) is not None for z in runs]
+    assert sum(alarms) <= 2 * sum(single) < sum(naive)
+
+
+def test_outputs_that_err_by_themselves_all_count_and_equal_ones_once() -> None:
+    z = np.random.default_rng(2).standard_normal((4000, 6))
+    assert different_outputs(z, MOST_FREEDOM) == pytest.approx(1.0, abs=0.01)
+    assert different_outputs(np.repeat(z[:, :3], 2, axis=1), MOST_FREEDOM) == pytest.approx(0.5, abs=0.01)
+    assert different_outputs(-(10.0 ** np.arange(6)) * z[:, :1], MOST_FREEDOM) > 1.0 / 6.0 - 1e-9
+    assert different_outputs(np.full((4, 6), np.nan), MOST_FREEDOM) == 1.0
 
 
 class TestIndependence:

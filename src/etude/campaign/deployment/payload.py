@@ -149,6 +149,8 @@ def _sentences(load: Load, better: str) -> tuple[str, ...]:
 
 def _load_sentences(load: Load, better: str) -> tuple[str, ...]:
     low, high = load.interval
+    if load.verdict == "cannot tell" and load.left > MUCH_LEFT:
+        return (f"The errors do not determine the load: {low:.2g} to {high:.2g} kg.",)
     if load.verdict == "cannot tell":
         return (f"The motion does not determine the load: {low:.2g} to {high:.2g} kg. {better}",)
     if load.verdict == "none":

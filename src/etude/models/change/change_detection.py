@@ -110,6 +110,24 @@ def independence(z: Array, freedom: float, t: Array, group: Index, use: Mask) ->
     return np.full(z.shape[1], share * min(1.0, power / summed) if summed > 0.0 else 1.0)
 
 
+def different_outputs(z: Array, freedom: float) -> float:
+    """Share of the outputs that are different ones: 1 / J where all err alike, 1 where each errs by itself.
+
+    J^2 / sum_jk rho_jk^2 of the J scores is the number of equal outputs whose sum of squares varies as much,
+    since rho^2 correlates the squares of normal scores. Eight motors drive four degrees of freedom.
+
+    Args:
+        z: (n, J) errors over predicted deviations, NaN where not held out. freedom: their `student_freedom`.
+    """
+    finite = np.isfinite(z)
+    values = np.where(finite, scores(np.where(finite, z, 0.0), freedom), 0.0)
+    product = values.T @ values
+    squares = np.diag(product)
+    correlation = product**2 / np.maximum(np.outer(squares, squares), np.finfo(float).tiny)
+    np.fill_diagonal(correlation, 1.0)
+    return float(z.shape[1] / correlation.sum())
+
+
 def _blocks(t: Array) -> Index:
     """(n,) the part of a trajectory, of equal duration, that each time is in."""
     part = (t - t.min()) / max(float(np.ptp(t)), np.finfo(float).tiny) * BLOCKS

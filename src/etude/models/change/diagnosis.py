@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.types import Array, Mask, Samples
+from etude.types import Array, Log, Mask, Samples
 
 NAMED = 0.5
 """Most of the errors' squares that a cause may leave to be named."""
@@ -170,6 +170,12 @@ def _rss(z: Array, features: Array) -> float:
 
 def _top(velocity: Array) -> float:
     return max(float(np.abs(velocity).max(initial=0.0)), np.finfo(float).tiny)
+
+
+def rate_of(log: Log, name: str) -> str:
+    """The channel that is the rate of that one; "" if there is none."""
+    rates = (n for n, c in log.channels.items() if name and c.derivative_of == name)
+    return next(rates, "")
 
 
 FROZEN_S = 3.0

@@ -10,7 +10,17 @@ import numpy as np
 
 from etude.abilities import SupportsVariations
 from etude.models.change.change_detection import ALARM, detection_variances, evidence, first_alarm, scores
-from etude.models.change.diagnosis import Cause, ExpectedCommands, Size, alone, cause, frozen_sensor, size_of
+from etude.models.change.diagnosis import (
+    Cause,
+    ExpectedCommands,
+    Size,
+    alone,
+    cause,
+    frozen_sensor,
+    rate_of,
+    size_of,
+)
+from etude.models.change.payload_estimate import load_of
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Mean
 from etude.types import Array, Mask, Samples
@@ -57,7 +67,8 @@ def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None)
     error, deviation = samples.command - mean, np.sqrt(detection_variances(variance, noise))
     use = samples.usable & samples.moving
     z = error / deviation
-    cumulative = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
+    worth = np.minimum(model.worth(), 1.0)
+    cumulative = _evidence(scores(z, model.freedom), worth, model.different, use)
     z2 = float(np.mean(error[use] ** 2 / variance[use])) if use.any() else 0.0
     at, held = first_alarm(cumulative, ALARM), frozen_sensor(samples)
     quiet = ChangeTest(cumulative, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
@@ -75,8 +86,17 @@ def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None)
         expected = _expected(model, samples.take(rows), mean[rows], body)
         motion_rows = static, velocity, acceleration
         what = cause(error[rows], deviation[rows], use[rows], motion_rows, expected)
+        if what == "load" and not _is_load(model, samples, body):
+            what = "unknown"
         size = size_of(what, error[rows], deviation[rows], use[rows], motion_rows, expected)
     return replace(quiet, cause=what, output=alone(error, deviation, use), size=size)
+
+
+def _is_load(model: LearnedModel, samples: Samples, body: object) -> bool:
+    """Whether the estimate of a load, which knows that warm drives err much as one does, finds it too; True
+    without a model file.
+    """
+    return not isinstance(body, SupportsVariations) or load_of(model, samples, body).verdict == "load"
 
 
 def _expected(model: LearnedModel, samples: Samples, mean: Array, body: Mean | None) -> ExpectedCommands:
@@ -92,29 +112,26 @@ def _expected(model: LearnedModel, samples: Samples, mean: Array, body: Mean | N
     return ExpectedCommands(mean, np.ptp(q, axis=0), without, carried)
 
 
-def _evidence(z: Array, worth: Array, use: Mask) -> Array:
+def _evidence(z: Array, worth: Array, different: float, use: Mask) -> Array:
     """(n,) of all outputs together, or of one alone where that is more: its odds are one in so many, and
-    whatever happens in one of seven joints, six others speak against it.
+    whatever happens in one of seven joints, six others speak against it. Together, outputs that err alike
+    count once (different: `different_outputs`).
     """
     alone = [evidence(z[:, [j]], worth[[j]], use[:, [j]]) for j in range(z.shape[1])]
-    return np.asarray(np.maximum(evidence(z, worth, use), np.max(alone, axis=0) - np.log(len(alone))))
+    return np.asarray(
+        np.maximum(evidence(z, different * worth, use), np.max(alone, axis=0) - np.log(len(alone)))
+    )
 
 
 def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array] | None:
     """Static part, velocity and acceleration (n, J) each; None unless the commands do work on coordinates
     whose rates the samples have.
     """
-    rate = _rate_of(samples, samples.log.channels["command"].acts_on)
-    second = _rate_of(samples, rate)
+    rate = rate_of(samples.log, samples.log.channels["command"].acts_on)
+    second = rate_of(samples.log, rate)
     if not second or samples.log[rate].shape != samples.command.shape:
         return None
     return model.static(samples.log, fade=False), samples.log[rate], samples.log[second]
-
-
-def _rate_of(samples: Samples, name: str) -> str:
-    """The channel that is the rate of that one; "" if there is none."""
-    rates = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
-    return next(rates, "")
 
 
 BLOCK_S = 10.0

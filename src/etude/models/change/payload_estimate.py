@@ -1,10 +1,12 @@
 """Payload estimate at the last link: mass and centre from a model's errors, with their uncertainty.
 
-    command - predicted = links(states) [m, m c, I] + offset + error
+    command - predicted = links(states) [m, m c, I] + offset + drift of friction + drift of gain + error
 
 The ten parameters are those of a rigid body in the link's frame, I near that of a ball about its centre; each
-command may have an offset as large as its noise. What the model learned wrongly looks like a load too: how
-much is seen on the logs that it was learned from, by physics identified without each of them.
+command may have an offset as large as its noise. A drive that is warmer than when the model learned has other
+friction and a weaker motor: both have priors for each joint, and what they may explain is no load. What the
+model learned wrongly looks like a load too: how much is seen on the logs that it was learned from, by physics
+identified without each of them.
 """
 
 from __future__ import annotations
@@ -33,6 +35,14 @@ ROUND = 0.1
 """m: radius of gyration that a load may have, more or less."""
 FREE = 1e3
 """Prior deviation of what nothing is known of."""
+FRICTION = 0.25
+"""Prior deviation of a joint's friction from the learned one, as a fraction of it: a cold or a warm gear box
+(Bittencourt and Gunnarsson 2012 measured more from 30 to 80 degrees). Another one grows with the speed."""
+GAIN = 0.015
+"""Prior deviation of a joint's torque constant: magnets of neodymium lose 0.11 % of their flux per kelvin, so
+it is about 14 K."""
+DRIFTS = 4
+"""Drifts of each command: an offset, two of the friction, a gain."""
 STRETCH_S = 2.0
 """s of log whose errors are alike."""
 LEAST = 1e-9
@@ -49,7 +59,8 @@ class Load:
         verdict: "none": a load that would matter is excluded; "cannot tell": it is not.
         mass: kg, less than 0 where something was put down; deviation of it.
         centre, centre_deviation: (3,) m in the frame of the link that the last axis moves.
-        left: mean square of the errors that the load leaves, over the predicted variance.
+        left: mean square of the errors that the load leaves, over the predicted variance; or of the drifts of
+            all drives over their prior variances, where that is more.
     """
 
     verdict: Verdict
@@ -78,8 +89,8 @@ def load_of(
     """
     mean, variance, noise = model.parted(samples.log)
     worth, deviation = np.minimum(model.worth(), 1.0), np.sqrt(detection_variances(variance, noise))
-    offset = np.sqrt(noise.mean(axis=0))
-    x, covariance, left = _regressed(samples.command - mean, deviation, offset, worth, samples, body)
+    offset, friction = np.sqrt(noise.mean(axis=0)), _friction(model, samples.log)
+    x, covariance, left = _regressed(mean, friction, deviation, offset, worth, samples, body)
     if apparent is not None and len(apparent):
         covariance[:10, :10] += apparent.T @ apparent / len(apparent)
     reach = np.array(samples.log.channels["command"].reach)
@@ -95,7 +106,7 @@ def apparent_loads(
         without: by number of a group of the samples what physics without it say of all (n, J).
         samples: of the logs that the model was learned from, none of which carried anything.
     """
-    loads, worth = [], np.minimum(model.worth(), 1.0)
+    loads, worth, friction = [], np.minimum(model.worth(), 1.0), _friction(model, samples.log)
     for number, mean in without.items():
         in_log = samples.group == number
         one = samples.take(in_log)
@@ -103,7 +114,8 @@ def apparent_loads(
         size = np.sqrt(np.mean(error**2, axis=0, where=one.usable & one.moving))
         if np.isfinite(size).all() and (size > 0.0).all():
             deviation = np.broadcast_to(size, error.shape)
-            loads.append(_regressed(error, deviation, size, worth, one, body)[0][:10])
+            x, _, _ = _regressed(mean[in_log], friction[in_log], deviation, size, worth, one, body)
+            loads.append(x[:10])
     return np.array(loads).reshape(-1, 10)
 
 
@@ -121,54 +133,82 @@ def load_forecast(
         log: states along the motion. gains: (n, J) roots of what its samples are worth.
         mass: kg, about that of the load. apparent: as of `load_of`.
     """
-    _, variance, noise = model.parted(log)
-    columns = _columns(log, body, gains / np.sqrt(detection_variances(variance, noise)))
+    mean, variance, noise = model.parted(log)
+    weight = gains / np.sqrt(detection_variances(variance, noise))
+    columns = _columns(body.links(log)[:, :, -1], mean, _friction(model, log), weight)
     prior = _prior(np.sqrt(noise.mean(axis=0)), mass)
-    covariance = np.linalg.inv(np.einsum("njp,njq->pq", columns, columns) + np.diag(prior**-2))[:4, :4]
+    covariance = np.linalg.inv(columns.T @ columns + np.diag(prior**-2))[:4, :4]
     if apparent is not None and len(apparent):
         covariance = covariance + apparent[:, :4].T @ apparent[:, :4] / len(apparent)
     return np.asarray(covariance)
 
 
-def _columns(log: Log, body: SupportsVariations, weight: Array) -> Array:
-    """(n, J, 10 + J) commands for each parameter of a load and for each offset, times weight (n, J)."""
+def _friction(model: LearnedModel, log: Log) -> Array:
+    """(n, J) the part of the predicted commands that changes its sign with velocities. Inertia, gravity and
+    Coriolis forces do not.
+    """
+    channels, backwards = log.channels, log
+    for name, channel in channels.items():
+        of = channels.get(channel.derivative_of)
+        # memories of friction have no unit: they are the way that a joint turned
+        if (of is not None and not of.derivative_of) or set(channel.units) == {"1"}:
+            backwards = backwards.put(channel, -log[name])
+    return np.asarray(0.5 * (model.mean(log) - model.mean(backwards)))
+
+
+def _columns(links: Array, command: Array, friction: Array, weight: Array) -> Array:
+    """(n J, 10 + DRIFTS J) commands for each parameter of a load and for each drift, times weight (n, J).
+
+    Args:
+        links: (n, J, 10) commands for each parameter. command, friction: (n, J) that drift by a fraction.
+    """
     n, J = weight.shape
-    columns = np.zeros((n, J, 10 + J))
-    columns[..., :10] = body.links(log)[:, :, -1]
-    columns[..., 10:] = np.eye(J)
-    return columns * weight[..., None]
+    size = np.abs(friction)
+    faster = friction * size / np.maximum(size.max(axis=0), np.finfo(float).tiny)
+    drifts = np.stack([np.ones((n, J)), friction, faster, command], axis=1)
+    own = np.einsum("nkj,ji->njki", drifts, np.eye(J)).reshape(n, J, DRIFTS * J)
+    return np.asarray((np.concatenate([links, own], axis=2) * weight[..., None]).reshape(n * J, -1))
 
 
 def _prior(offset: Array, size: float) -> Array:
-    """(10 + J,) deviations of a load of about `size` kg, and of each offset (J,)."""
-    prior = np.concatenate([np.full(10, FREE), offset])
-    prior[1:4], prior[4:10] = size * REACH, size * ROUND**2
-    return prior
+    """(10 + DRIFTS J,) deviations of a load of about `size` kg, and of each drift; offset (J,)."""
+    load = np.full(10, FREE)
+    load[1:4], load[4:10] = size * REACH, size * ROUND**2
+    drifts = np.repeat([FRICTION, FRICTION, GAIN], len(offset))
+    return np.concatenate([load, offset, drifts])
 
 
 def _regressed(
-    error: Array, deviation: Array, offset: Array, worth: Array, samples: Samples, body: SupportsVariations
+    mean: Array,
+    friction: Array,
+    deviation: Array,
+    offset: Array,
+    worth: Array,
+    samples: Samples,
+    body: SupportsVariations,
 ) -> tuple[Array, Array, float]:
-    """x (10 + J,), its covariance, and the mean square that is left, over the variance."""
-    J = error.shape[1]
+    """x (10 + DRIFTS J,), its covariance, and `Load.left`."""
+    J = mean.shape[1]
     use = samples.usable & samples.moving
-    columns, z = _columns(samples.log, body, use / deviation), use * error / deviation
-    H, g = np.einsum("j,njp,njq->pq", worth, columns, columns), np.einsum("j,njp,nj->p", worth, columns, z)
-    prior, expected = np.concatenate([np.full(10, FREE), offset]), np.zeros(10 + J)
+    links, weight = body.links(samples.log)[:, :, -1], use * np.sqrt(worth) / deviation
+    z = (weight * (samples.command - mean)).ravel()
+    x, prior = np.zeros(10 + DRIFTS * J), _prior(offset, FREE)
     for _ in range(PASSES):
-        covariance = np.linalg.inv(H + np.diag(prior**-2))
-        x = covariance @ (g + expected / prior**2)
+        columns = _columns(links, mean + links @ x[:10], friction, weight)
+        expected = np.zeros(len(x))
         expected[4:10] = about_origin(float(x[0]), x[1:4])
-        size = abs(float(x[0])) + float(np.sqrt(covariance[0, 0]))
-        prior = _prior(offset, size)
+        covariance = np.linalg.inv(columns.T @ columns + np.diag(prior**-2))
+        x = covariance @ (columns.T @ z + expected / prior**2)
+        prior = _prior(offset, abs(float(x[0])) + float(np.sqrt(covariance[0, 0])))
     residual = z - columns @ x
-    left = float(np.sum(worth * residual**2) / max(float(np.sum(worth * use)), 1.0))
-    covariance = max(left, 1.0) * covariance
+    left = float(np.sum(residual**2) / max(float(np.sum(worth * use)), 1.0))
     stretch = np.floor((samples.t - samples.t[0]) / STRETCH_S).astype(np.int64)
     _, stretch = np.unique(stretch, return_inverse=True)
-    scores = np.zeros((int(stretch.max()) + 1, 10 + J))
-    np.add.at(scores, stretch, np.einsum("j,njp,nj->np", worth, columns, residual))
-    return x, scattered(covariance, prior, scores, 1.0), left
+    scores = np.zeros((int(stretch.max()) + 1, len(x)))
+    np.add.at(scores, np.repeat(stretch, J), columns * residual[:, None])
+    scaled = np.asarray(max(left, 1.0) * covariance, dtype=np.float64)
+    drifts = ((x / prior)[10 + J :] ** 2).reshape(DRIFTS - 1, J).mean(axis=1)
+    return x, scattered(scaled, prior, scores, 1.0), max(left, float(drifts.max()))
 
 
 def about_origin(mass: float, first: Array) -> Array:

@@ -22,7 +22,7 @@ from etude.abilities import SupportsRipple, SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
-from etude.models.change.change_detection import independence, student_freedom
+from etude.models.change.change_detection import different_outputs, independence, student_freedom
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
 from etude.models.data.fit_data import Folds, Rows, in_order, rows_of, scored_samples
@@ -421,6 +421,7 @@ def _model(
         calibrated=config.calibrate and folds.trajectories >= enough,
         independence=independence(z, freedom, samples.t, samples.group, use),
         freedom=freedom,
+        different=different_outputs(z, freedom),
         member=config.process,
         student=_student(error, variance) if config.student_t else None,
     )
