@@ -128,7 +128,11 @@ def test_quadrotors_and_logs_that_do_not_say_are_read(
 
 @pytest.mark.parametrize(
     ("parameters", "topic"),
-    [(HEXA | {"THR_MDL_FAC": 0.3}, "motors"), (HEXA, "outputs"), ({"MAV_TYPE": 13}, "outputs")],
+    [
+        (HEXA | {"THR_MDL_FAC": 0.3, "MC_ROLL_P": 5.0, "MPC_XY_VEL_D_ACC": 0.2}, "motors"),
+        (HEXA, "outputs"),
+        ({"MAV_TYPE": 13}, "outputs"),
+    ],
 )
 def test_the_motors_of_a_hexarotor_are_read_in_their_order(
     tmp_path: Path, parameters: dict[str, float], topic: str
@@ -141,6 +145,9 @@ def test_the_motors_of_a_hexarotor_are_read_in_their_order(
         np.testing.assert_allclose(raw[name][:, 0], 0.5 + 0.1 * np.sin((i + 1) * T), atol=1e-6)
     curved = "THR_MDL_FAC is 0.3, for robot.toml: thrust_curve = 0.3."
     assert (curved in raw.repairs) == ("THR_MDL_FAC" in parameters)
+    late = "MC_ROLL_P is 5, for robot.toml: attitude_gain = 5."
+    assert (late in raw.repairs) == ("MC_ROLL_P" in parameters)
+    assert not any("velocity_damping" in sentence for sentence in raw.repairs), "it is the usual one"
     said = [sentence for sentence in raw.repairs if "rotors = " in sentence]
     if "CA_ROTOR_COUNT" not in parameters:
         assert not said

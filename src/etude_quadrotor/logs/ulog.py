@@ -19,6 +19,7 @@ from etude.errors import DataError
 from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
+from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.spec_file import lacking_forces
 from etude_quadrotor.vehicle import Rotor
 
@@ -32,6 +33,12 @@ GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
 BATTERY = "battery_status"
 """Topics and fields of a signal, in order of precedence."""
+STATED = {
+    "THR_MDL_FAC": ("thrust_curve", QuadrotorSpec.thrust_curve),
+    "MC_ROLL_P": ("attitude_gain", QuadrotorSpec.attitude_gain),
+    "MPC_XY_VEL_D_ACC": ("velocity_damping", QuadrotorSpec.velocity_damping),
+}
+"""Parameters that robot.toml states: its key, and the value without it."""
 HALF = np.sqrt(0.5)
 ENU_NED = np.array([0.0, HALF, HALF, 0.0])
 FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
@@ -364,8 +371,10 @@ def _flight(
         sentences.append(
             f"Motors 1 to {len(rotors)} by CA_ROTOR parameters, for robot.toml: rotors = [{text}]."
         )
-    if (curve := float(parameters.get("THR_MDL_FAC", 0.0))) > 0.0:
-        sentences.append(f"THR_MDL_FAC is {curve:.3g}, for robot.toml: thrust_curve = {curve:.3g}.")
+    for parameter, (key, usual) in STATED.items():
+        value = float(parameters.get(parameter, usual))
+        if not np.isclose(value, usual):  # the log is in single precision
+            sentences.append(f"{parameter} is {value:.3g}, for robot.toml: {key} = {value:.3g}.")
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
         name = next((one for one in names if one in instances), None)

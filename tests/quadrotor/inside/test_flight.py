@@ -152,6 +152,23 @@ def test_px4_motors_get_what_motion_takes(model: Any, px4: Path) -> None:
     np.testing.assert_allclose(found[:, 1:5][:, ORDER], 0.5 + part() * own, atol=1e-4)
 
 
+def test_px4_holds_against_the_drag_without_a_jerk_and_adds_nothing_where_none_was_learned(
+    dragged: Any, px4: Path, tmp_path: Path
+) -> None:
+    build(tmp_path, PX4, dragged, "vehicle_px4.c", "px4_stubs")
+    own = motion()
+    rows = px4_rows(own)
+    rows[:, 11:14] = np.nan
+    flat = Motion(own.t, np.concatenate([own.orders[:3], 0.0 * own.orders[3:]]))
+    answers = FlightFeedforward(drag=dragged.inputs.lateral).accelerations(
+        ahead(flat, 1.0 / spec().attitude_gain)
+    )
+    assert answers is not None
+    answers[:, :2] += spec().velocity_damping * own.orders[2, :, :2]
+    np.testing.assert_allclose(drive(tmp_path, rows)[:, -3:] @ ENU.T, answers, atol=1e-4)
+    np.testing.assert_allclose(drive(px4, px4_rows(own))[:, -3:] @ ENU.T, own.orders[2], atol=1e-5)
+
+
 def ahead(own: Motion, lag: float) -> Motion:
     """Horizontal velocity and acceleration of `lag` s later, to first order: PX4 turns the vehicle first."""
     orders = own.orders.copy()
