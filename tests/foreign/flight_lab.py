@@ -33,7 +33,7 @@ speed = 8.0
 margin = 1.0
 vertical_margin = 0.3
 """
-PROMPT = "attitude_gain = 1000.0\nvelocity_damping = 0.0\n"
+PROMPT = "attitude_gain = 1e6\nvelocity_damping = 0.0\n"
 """Lines of robot.toml for a controller that follows an attitude at once: rotorpy's SE(3)."""
 
 

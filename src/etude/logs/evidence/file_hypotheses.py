@@ -408,12 +408,13 @@ def scale_of(fit: FileFit) -> JointScale | None:
     near = FACTORS[best] * NEARER
     refined = tied.with_factors(int(j), near)
     unrelated = float(tied.with_factors(int(j), np.array([UNRELATED]))[0])
-    if refined.max() - max(as_is, other, unrelated) < AHEAD:
+    if refined.max() - max(as_is, other, unrelated) < UNIT_ODDS:
         return None
     joint, factor = int(fit.joint_indices[j]), float(near[refined.argmax()])
     return JointScale(joint, factor, float(refined.max()) - as_is)
 
 
+UNIT_ODDS = 25.0  # log odds of a unit: right logs had 20, of a wrist with more friction than torque
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
 CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms had 18
 
