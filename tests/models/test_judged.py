@@ -18,6 +18,7 @@ class Known:
     """A model that predicts nothing, with a deviation of 0.5, and gravity as sin q."""
 
     freedom = 20.0
+    different = 1.0
     unknown = 0.0
 
     def posterior(self, log: Log) -> tuple[np.ndarray, np.ndarray]:

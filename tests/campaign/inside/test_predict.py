@@ -106,7 +106,7 @@ def test_the_command_writes_a_table_that_reads_back(
     assert len(found) == said["rows"]
     assert said["outside"]["elbow"] == pytest.approx(float(np.mean(found["outside_elbow"].to_numpy())))
     np.testing.assert_array_equal(found["command_elbow"], etude.predict(lab, source)["command"][:, 2])
-    assert "the newest model is used, of log 1" in printed.err
+    assert "The newest model is used, of log 1" in printed.err
     assert main(["predict", str(lab), str(source), "--output", str(tmp_path / "x.txt")]) == 2
     assert main(["predict", str(lab), str(tmp_path / "missing.csv")]) == 2
 

@@ -199,8 +199,8 @@ def _likeliest_short(total: Array, best: int) -> tuple[int, float]:
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
-# log odds from which a long delay is asked about: right logs of arms that stick had 69
-FAR_ODDS = 6.0 * CERTAIN
+# log odds from which a long delay is asked about: right logs had up to 119 (in 160 of a simulated arm)
+FAR_ODDS = 9.0 * CERTAIN
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
