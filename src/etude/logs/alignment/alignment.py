@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.checks.desired_motion import CLEAR_MATCH, unlike
+from etude.logs.checks.desired_motion import CLEAR_MATCH, COLUMNS, unlike
 from etude.logs.cleaning.read import ending
 from etude.logs.cleaning.smoothing import median_rate, resample, uniform_grid
 from etude.logs.columns.units import start_at_zero
@@ -470,12 +470,6 @@ def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence
         where=log.source,
         next_step=f"{COLUMNS} {step}" if cause else step,
     )
-
-
-COLUMNS = (
-    "If positions have a wrong column, sign or unit, correct them in [log.columns] of campaign.toml, as in "
-    '"q_elbow" = "-1 * HEADER".'
-)
 
 
 CAUSES = {

@@ -47,6 +47,10 @@ def unlike(measured: Array, desired: Array, each: Array) -> Iterator[Unlike]:
             yield Unlike(j, "exchanged", other)
 
 
+COLUMNS = (
+    "If positions have a wrong column, sign or unit, correct them in [log.columns] of campaign.toml, as in "
+    '"q_elbow" = "-1 * HEADER".'
+)
 FACTS = {
     "opposite": "the measured position of {own} moves against the desired one",
     "degrees": "the measured position of {own} is about 57 times the desired one, as in degrees",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.logs.checks.clipped_commands import clipped
-from etude.logs.checks.desired_motion import facts_against_desired
+from etude.logs.checks.desired_motion import COLUMNS, facts_against_desired
 from etude.logs.checks.filtered_motion import goes_far, joints, measured_rates, runs
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named, without_spans
 from etude.logs.columns.units import Limits
@@ -111,8 +111,7 @@ def _possible(check: str, odds: float, fact: str, step: str, *, mend: str = "") 
 def _against_desired(log: Log) -> Iterator[Mendable]:
     """Finding of positions that deviate from the desired ones of the log by their sign, unit or column."""
     facts = "; ".join(facts_against_desired(log))
-    step = 'Correct the column in [log.columns] of campaign.toml, as in "q_elbow" = "-1 * HEADER".'
-    yield from _possible(DESIRED, BEYOND_CHANCE if facts else 0.0, facts[:1].upper() + facts[1:], step)
+    yield from _possible(DESIRED, BEYOND_CHANCE if facts else 0.0, facts[:1].upper() + facts[1:], COLUMNS)
 
 
 def _odds(odds: float) -> str:
