@@ -45,6 +45,7 @@ from typing import Any
 
 from etude.errors import UsageError
 from etude.limits.robot_file_limits import read_limits
+from etude.plugins import require_inside
 from etude.toml_tables import decoded, from_table, read_text, write_values
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,
@@ -59,6 +60,7 @@ from etude_arm.clearance.surroundings import (
 )
 from etude_arm.description_checks import check_spec, unit_suspicion
 from etude_arm.loading.attachments import Attached, Mounting
+from etude_arm.loading.named_files import named_files
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec, Axis, Gains
@@ -115,13 +117,7 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         raise UsageError(
             f"kind = '{table.kind}' is not a robot with joints", where=where, next_step="Leave it out."
         )
-    model_file = None if table.model_file is None else (folder / table.model_file).resolve()
-    if model_file is not None and not model_file.is_file():
-        raise UsageError(
-            f"model_file {model_file} does not exist",
-            where=where,
-            next_step="Correct the path (relative to this file), or remove model_file.",
-        )
+    model_file = None if table.model_file is None else _model_file(folder / table.model_file, where)
     names = [one.name for one in fields(Surroundings)]
     try:
         tables = {name: getattr(table, name) for name in names}
@@ -135,6 +131,20 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
     spec = ArmSpec(*head, **values, around=around)
     _check_search(spec, where)
     return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def _model_file(path: Path, where: str) -> Path:
+    """The path, absolute. It and what it names lie in the folder of a campaign that is not trusted."""
+    path = path.resolve()
+    require_inside([path])
+    if not path.is_file():
+        raise UsageError(
+            f"model_file {path} does not exist",
+            where=where,
+            next_step="Correct the path (relative to this file), or remove model_file.",
+        )
+    require_inside(named_files(path))
+    return path
 
 
 def _open(table: RobotTable) -> tuple[str, ...]:
