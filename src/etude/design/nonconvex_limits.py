@@ -24,8 +24,8 @@ HALVINGS = 12
 """Bisections of the line to home: they bring the proved point within a thousandth of it to one not proved."""
 FEW_HALVINGS = 5
 """Bisections for a motion that is only compared with others, or enlarged again afterwards."""
-LEADS = 2
-"""Failures of the largest scale that passes a cheap test, before plain bisection."""
+LEAST_CUT = 0.02
+"""Part of the bracket that a failure must exclude; after a smaller one the search bisects alone."""
 GROWTH = (2.0, 1.4, 1.15, 1.05)
 """Factors by which each block of a motion is enlarged, tried in turn."""
 TRIES = 2
@@ -221,33 +221,44 @@ class NonconvexLimits:
 def _largest_scale(
     limits: Sequence[Limit], family: Family, home: Array, p: Array, halvings: int, fast_check: bool
 ) -> float:
-    """The largest scale of p - home, in steps of 2^-halvings, that keeps the limits; the last one fails at 1.
+    """A scale of p - home, in steps of 2^-halvings, that keeps the limits, where the next step or the last
+    check shows a failure; the last limit fails at 1.
 
-    It bisects. If the last limit has a cheap test of its worst instants, the largest scale that passes this
-    test is tried first, since it is often the answer. A failure there shows a worse instant.
+    It bisects. If the last limit has a cheap test of the instants that failed, the largest scale that passes
+    this test is tried first. A failure there adds an instant to the test, as a cutting plane does.
     """
     last, steps = limits[-1], int(2**halvings)
-    witness = last if fast_check and isinstance(last, SupportsWitness) else None
+    fails = _cheap_test(last, fast_check)
 
     def at(scale: int) -> Array:
         return np.asarray(home + scale / steps * (p - home))
 
     def passes(scale: int) -> bool:
-        pieces = family.trajectory(at(scale)).pieces()
-        return witness is not None and not any(witness.fails_again(piece) for _, _, piece in pieces)
+        return not any(fails(piece) for _, _, piece in family.trajectory(at(scale)).pieces())
 
-    inside, outside, held, leads = 0, steps, True, LEADS if witness is not None else 0
+    inside, outside, slow = 0, steps, fails is _never
     while outside - inside > 1:
-        # where the worst instant of a failure passes one step lower, others fail: the middle tells more
-        lead = leads > 0 and (held or not passes(outside - 1))
-        leading = last_true(passes, inside, outside) if lead else inside
+        leading = inside if slow else last_true(passes, inside, outside)
         scale = leading if leading > inside else (inside + outside) // 2
-        held = _hold(limits, family, at(scale), fast_check)
-        if held:
+        if _hold(limits, family, at(scale), fast_check):
             inside, outside = scale, scale + 1 if leading == scale else outside
         else:
-            outside, leads = scale, leads - (leading == scale)
+            # an instant that excludes little: the next ones may too, and the middle tells more
+            slow = slow or (leading == scale and outside - scale <= LEAST_CUT * (outside - inside))
+            outside = scale
     return inside / steps
+
+
+def _cheap_test(limit: Limit, fast_check: bool) -> Callable[[Trajectory], bool]:
+    """What shows at little cost that a motion violates the limit."""
+    if fast_check:
+        return limit.fails_again if isinstance(limit, SupportsWitness) else _never
+    return limit.violated if isinstance(limit, SupportsViolation) else _never
+
+
+def _never(piece: Trajectory) -> bool:  # noqa: ARG001
+    """A test that finds no violation."""
+    return False
 
 
 def last_true(passes: Callable[[int], bool], inside: int, outside: int) -> int:

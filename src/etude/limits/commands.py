@@ -35,14 +35,16 @@ LOOK, CLOSE = 0.1, 0.99
 FEW, AMPLE = 75, 0.75
 """Number of samples in the first check of a search, and the fraction of each limit below which it passes. The
 larger deviation of two neighbours counts. Rates need more samples."""
-SELDOM = 0.4
-"""s between samples of the deviation there: it changes more slowly than that."""
+SELDOM = 0.2
+"""s between samples of the deviation there: with 0.4, proofs failed later where friction makes it peak."""
 SURE = 0.95
 """Probability that all commands stay within their rows at once, if the model's deviations are correct."""
 DECORRELATED = 0.5
 """s after which two deviations count as independent."""
 CAUTION = 2.0
 """Safety factor on second differences, since the curvature between samples is not known."""
+REMEMBERED = 24
+"""Instants of failures that are kept: more take as long as a check of the whole motion."""
 MORE = 2.0
 """Factor on the deviations before any data. Searches take the product as the model's largest deviation;
 proofs compute the deviation."""
@@ -51,6 +53,11 @@ STEP = 1e-4
 
 Answer = Callable[[Motion], Array]
 Both = Callable[[Motion], tuple[Array, Array]]
+
+
+Instants = dict[float, Array]
+"""Instants (m, r) of r failures, as fractions of the duration of motions that failed there; by that duration,
+since other durations have other samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +99,8 @@ class CommandLimit:
     share: Array | None = None
     lasts: float = DECORRELATED
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
-    _witness: list[Array] = field(default_factory=list, repr=False)
-    _broken: list[Array] = field(default_factory=list, repr=False)
+    _witness: Instants = field(default_factory=dict, repr=False)
+    _broken: Instants = field(default_factory=dict, repr=False)
 
     @property
     def name(self) -> str:
@@ -159,10 +166,10 @@ class CommandLimit:
         return self._check_excess(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
 
     def fails_again(self, piece: Trajectory) -> bool:
-        """Whether a motion fails at the instants at which `keeps` last found the largest excess."""
-        if not self._witness:
+        """Whether a motion fails at instants at which `keeps` found the largest excess of earlier ones."""
+        if piece.duration not in self._witness:
             return False
-        t, rows = np.unique(self._witness[0] * piece.duration, return_inverse=True)
+        t, rows = np.unique(self._witness[piece.duration] * piece.duration, return_inverse=True)
         mean, deviation = self._moments(piece.motion(t, self.orders))
         _, at, left, right = rows.reshape(4, -1)
         off = np.abs(mean[at] - 0.5 * (self.upper + self.lower))
@@ -182,17 +189,17 @@ class CommandLimit:
         every = _every(motion, apart)
         left = rows // every * every
         places = np.stack([rows - 1, rows, left, left + (every if apart else 0)]).clip(0, len(motion.t) - 1)
-        self._witness[:] = [motion.t[places] / duration]
+        _remember(self._witness, duration, motion.t[places] / duration)
         return False
 
     def violated(self, piece: Trajectory) -> bool:
         """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
         long.
 
-        Among the samples is the worst one of the last proof that failed, as that counts it.
+        Among the samples are the worst ones of proofs that failed, as these count them.
         """
         grid = self.along(piece, LOOK).t
-        worst = self._broken[0] * piece.duration if self._broken else np.empty((7, 0))
+        worst = self._broken.get(piece.duration, np.empty((7, 0))) * piece.duration
         t, rows = np.unique(np.concatenate([grid, worst.ravel()]), return_inverse=True)
         mean, deviation = self._moments(piece.motion(t, self.orders))
         off, half = np.abs(mean - 0.5 * (self.upper + self.lower)), 0.5 * (self.upper - self.lower)
@@ -282,7 +289,8 @@ class CommandLimit:
             at = most[2:-2, beyond].argmax(axis=0) + 2
             left = at // every * every
             places = np.stack([at - 2, at - 1, at, at + 1, at + 2, left, left + every])
-            self._broken[:] = [motion.t[places.clip(max=len(most) - 1)] / motion.t[-1]]
+            t, duration = motion.t[places.clip(max=len(most) - 1)], float(motion.t[-1])
+            _remember(self._broken, duration, t / duration)
 
     def _source_text(self, piece: Trajectory) -> str:
         if self.deviation is None:
@@ -328,6 +336,13 @@ class CommandLimit:
         mean, half = self.mean(motion), 0.5 * (self.upper - self.lower)
         outside = np.maximum(mean + spread - self.upper, self.lower - mean + spread)
         return np.asarray(np.maximum(outside, 0.0) / half)
+
+
+def _remember(instants: Instants, duration: float, places: Array) -> None:
+    """Add instants (m, r) to the newest of this duration; those of others go."""
+    before = instants.get(duration, np.empty((len(places), 0)))
+    instants.clear()
+    instants[duration] = np.concatenate([before, places], axis=1)[:, -REMEMBERED:]
 
 
 def by_model(

@@ -124,7 +124,7 @@ def test_what_few_samples_exceed_no_proof_holds() -> None:
 
 
 def test_a_proof_that_fails_shows_where_the_next_one_will() -> None:
-    spread = replace(LIMIT, deviation=lambda motion: 0.1 * np.abs(motion.orders[1]), _proofs={}, _broken=[])
+    spread = replace(LIMIT, deviation=lambda motion: 0.1 * np.abs(motion.orders[1]), _proofs={}, _broken={})
     most, lower = spread.prove(SWING)[0].proved_upper, np.full(2, -99.0)
     short, enough = (
         replace(spread, lower=lower, upper=np.array([most * part, 99.0]), _proofs={})
@@ -270,7 +270,7 @@ def test_a_motion_that_failed_fails_again_at_the_instants_of_its_largest_excess(
 
         ends = np.full(2, 5.0)
         limit = replace(
-            LIMIT, lower=-ends, upper=ends, deviation=deviation, both=both, _proofs={}, _witness=[]
+            LIMIT, lower=-ends, upper=ends, deviation=deviation, both=both, _proofs={}, _witness={}
         )
         scales = np.linspace(0.0, 3.0, 31)[1:]
         assert not limit.fails_again(scaled(3.0)), "nothing has failed yet"

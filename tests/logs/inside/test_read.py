@@ -229,7 +229,7 @@ def test_a_first_row_that_lacks_cells_is_a_row_like_others(separator: str, tmp_p
     path.write_text("\n".join(lines) + "\n")
     log = read(path)
     np.testing.assert_array_equal(log.t, LOG.t[1:] - LOG.t[1])
-    assert any(said.startswith("1 rows with empty") for said in log.repairs)
+    assert any(said.startswith("Dropped 1 row with empty") for said in log.repairs)
 
 
 def left_of(t: list[float]) -> str:
@@ -324,7 +324,7 @@ def test_a_wild_command_in_a_single_row_is_dropped(tmp_path: Path) -> None:
     command[77, 1] = 1e5
     log = read(write_csv(tmp_path / "run.csv", columns_of(with_values(LOG, command=command))))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, 77))
-    assert log.repairs == ("1 rows with a single outlier command were dropped.",)
+    assert log.repairs == ("Dropped 1 row with a single outlier command.",)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def test_rows_with_bad_cells_are_dropped_not_filled(value: float, channel: str) 
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, [5, 70]))
     np.testing.assert_array_equal(log["q"], np.delete(LOG["q"], [5, 70], axis=0))
     assert log.repairs == (
-        f"2 rows with empty, NaN or infinite cells (most in {channel} of pan_joint) were dropped.",
+        f"Dropped 2 rows with empty, NaN or infinite cells (most in {channel} of pan_joint).",
     )
 
 
@@ -59,7 +59,7 @@ def test_repeated_times_are_dropped() -> None:
     index = np.repeat(np.arange(len(LOG.t)), 2)
     log = cleaned(LOG.take(index))
     np.testing.assert_array_equal(log.t, LOG.t)
-    assert log.repairs == ("2000 rows that repeat the time before were dropped.",)
+    assert log.repairs == ("Dropped 2000 rows with the time of the row before.",)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -3.0, 1e9])
@@ -68,7 +68,7 @@ def test_single_wrong_stamps_are_dropped(wrong: float) -> None:
     t[700] = wrong
     log = cleaned(at(LOG, t))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, 700))
-    assert log.repairs == ("1 rows whose time jumps or runs backwards were dropped.",)
+    assert log.repairs == ("Dropped 1 row whose time jumps or runs backwards.",)
 
 
 def test_two_recordings_in_one_file_are_refused() -> None:
@@ -115,7 +115,7 @@ def test_stamps_that_were_not_set_yet_are_dropped(start: float) -> None:
     t[:4] = [0.0, 0.79, 47.6, 48.0]
     log = cleaned(at(LOG, t))
     np.testing.assert_allclose(log.t, LOG.t[4:] - LOG.t[4], atol=1e-6)
-    assert log.repairs[0] == "4 rows whose times lie far from all others (first at 0 s) were dropped."
+    assert log.repairs[0] == "Dropped 4 rows far in time from all others (first at 0 s)."
 
 
 def test_a_second_stretch_is_no_stray() -> None:
@@ -133,7 +133,7 @@ def test_mostly_pauses_is_refused() -> None:
 def test_single_wild_positions_are_dropped() -> None:
     log = cleaned(with_cells([(300, 1, 55.0), (900, 0, -0.9)]))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, [300, 900]))
-    assert log.repairs == ("2 rows with a single outlier position were dropped.",)
+    assert log.repairs == ("Dropped 2 rows with a single outlier position.",)
 
 
 def test_single_wild_positions_are_dropped_without_any_limit() -> None:

@@ -182,7 +182,7 @@ def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
         wild |= _beyond(command, lower[j], upper[j]) > COMMAND_EXCESS
     if not wild.any() or wild.mean() > RARE:
         return log
-    return log.take(~wild).repaired(f"{wild.sum()} rows with a single outlier command were dropped.")
+    return without_rows(log, wild, "with a single outlier command")
 
 
 def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float, stated: str) -> Log:
@@ -222,3 +222,9 @@ def _unit_advice(column: str, unit: str, excess: float, stated: str) -> str:
     if excess * 1e-3 <= 1.0 and excess > 30.0:
         return f"It looks like a thousandth of the unit: convert it to {unit}."
     return f"If it is in {unit}, state the unit in the header; else correct the limit in the robot file."
+
+
+def without_rows(log: Log, dropped: Mask, which: str) -> Log:
+    """The log without the rows of the mask (n,), and a sentence that says which they were."""
+    count = int(dropped.sum())
+    return log.take(~dropped).repaired(f"Dropped {count} {'row' if count == 1 else 'rows'} {which}.")

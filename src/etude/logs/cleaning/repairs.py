@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.cleaning.ranges import RARE, bounded, top_speed
+from etude.logs.cleaning.ranges import RARE, bounded, top_speed, without_rows
 from etude.logs.cleaning.smoothing import GAP_FACTOR, segments
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -61,8 +61,7 @@ def drop_unreadable(log: Log, *, recorded: bool = True) -> Log:
             where=log.source,
             next_step="Export the log again, with all channels at the same times.",
         )
-    sentence = f"{bad.sum()} rows with empty, NaN or infinite cells (most in {worst}) were dropped."
-    return log.take(~bad).repaired(sentence)
+    return without_rows(log, bad, f"with empty, NaN or infinite cells (most in {worst})")
 
 
 def _never_recorded(log: Log, name: str) -> bool:
@@ -98,8 +97,9 @@ def order_rows(log: Log) -> Log:
         )
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
-    ordered = log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
-    return _without_strays(ordered)
+    dropped = np.ones(len(log), dtype=np.bool_)
+    dropped[keep] = False
+    return _without_strays(without_rows(log, dropped, "whose time jumps or runs backwards"))
 
 
 def _without_strays(log: Log) -> Log:
@@ -110,8 +110,7 @@ def _without_strays(log: Log) -> Log:
     far = (log.t < 2.0 * first - last) | (log.t > 2.0 * last - first)
     if not far.any() or far.mean() > RARE:
         return log
-    fact = f"{far.sum()} rows whose times lie far from all others (first at {log.t[far][0]:.6g} s)"
-    return log.take(~far).repaired(f"{fact} were dropped.")
+    return without_rows(log, far, f"far in time from all others (first at {log.t[far][0]:.6g} s)")
 
 
 def _without_repeats(log: Log) -> Log:
@@ -129,7 +128,7 @@ def _without_repeats(log: Log) -> Log:
             where=f"{log.source}, time column",
             next_step="Export the times with more digits (microseconds), or remove those rows.",
         )
-    return log.take(~repeats).repaired(f"{repeats.sum()} rows that repeat the time before were dropped.")
+    return without_rows(log, repeats, "with the time of the row before")
 
 
 def increasing_rows(t: Array) -> Index:
@@ -192,7 +191,7 @@ def drop_spikes(log: Log) -> Log:
                 wild[1:-1] |= _wild(q)
     if not wild.any() or wild.sum() > RARE * len(log):
         return log
-    return log.take(~wild).repaired(f"{wild.sum()} rows with a single outlier position were dropped.")
+    return without_rows(log, wild, "with a single outlier position")
 
 
 def _wild(q: Array) -> Mask:
