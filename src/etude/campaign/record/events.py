@@ -548,7 +548,8 @@ def event_from_json(text: str) -> Event:
     if arguments["time"]:
         datetime.fromisoformat(arguments["time"])
     event = Event(_decoded(kind, values), **arguments)
-    for name in (*event.files, getattr(event.fact, "recording", "")):
+    recording = event.fact.recording if isinstance(event.fact, MotionEnded) else ""
+    for name in (*event.files, recording):
         if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
             raise ValueError(f"{name} is outside the campaign")
     return event

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from etude import cli
-from etude.campaign import create_campaign, open_campaign
-from etude.campaign.record.journal import chained
+from etude.campaign import chained, create_campaign, open_campaign
 from etude.errors import UsageError
 from etude.storage import read_lines
 
