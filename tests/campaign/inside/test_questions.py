@@ -14,9 +14,9 @@ from small_robot import random_motion, stub_learner, write_log
 
 import etude
 from etude import tell, untell
-from etude.campaign import Campaign, IngestResult
+from etude.campaign import Campaign, IngestResult, judged_commands
 from etude.campaign.ingest.ingest_result import read as read_told
-from etude.campaign.ingest.questions import body_of, judged_commands, unit_findings
+from etude.campaign.ingest.questions import body_of, unit_findings
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.logs import read_log_file
