@@ -486,6 +486,13 @@ class SupportsStatedLimits(Protocol):
 
 
 @runtime_checkable
+class SupportsRobotCheck(Protocol):
+    """`Exporter` that raises UsageError for a robot whose motions it cannot write, before one is designed."""
+
+    def require_robot(self, kind: Any, spec: Any) -> None: ...
+
+
+@runtime_checkable
 class SupportsFileNotes(Protocol):
     """`Exporter`: sentences for the certificate on the content of its files beside the motion."""
 
@@ -581,7 +588,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsPlant,
     ),
     "[trajectory]": (SupportsStatedLimits,),
-    "Exporter": (SupportsFileNotes, SupportsCommandedFiles),
+    "Exporter": (SupportsRobotCheck, SupportsFileNotes, SupportsCommandedFiles),
     "Driver": (SupportsPlacement,),
     "Target": (SupportsNeeds,),
     "Criterion": (SupportsNeeds,),

@@ -14,7 +14,7 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from etude._runtime.trusted_folders import FULL_NAME as FULL_NAME
-from etude._runtime.trusted_folders import OWN, require_trusted
+from etude._runtime.trusted_folders import OWN, is_trusted, outside_error, require_trusted
 from etude.errors import UsageError, did_you_mean
 
 _MEMBERS = ("exact", "fitc", "vfe")
@@ -276,6 +276,25 @@ def require_word(name: str, group: str) -> None:
     elif name not in _typed_names:
         named = {name: group}
         require_trusted(named, reading.path, reading.folder, reading.identity, reading.command)
+
+
+def require_inside(paths: Iterable[Path]) -> None:
+    """Refuses files outside the folder of the file being read (`named_in`), unless that folder is trusted.
+
+    A robot's file outside of campaigns has no folder of its own: its paths are the word of who typed it.
+
+    Args:
+        paths: that the file names; not looked at if the folder is trusted.
+
+    Raises:
+        UsageError: names the path and the command that trusts the folder.
+    """
+    reading = _reading.get()
+    if reading is None or not reading.folder.is_dir() or is_trusted(reading.folder, reading.identity):
+        return
+    for path in paths:
+        if not path.resolve().is_relative_to(reading.folder.resolve()):
+            raise outside_error(path, reading.path, reading.command)
 
 
 def of_group(group: str, name: str, value: Any) -> Any:

@@ -39,12 +39,16 @@ kp = [900.0]                # command units per rad (m), one for each joint
 
 from __future__ import annotations
 
+import contextlib
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
 from etude.limits.robot_file_limits import read_limits
+from etude.plugins import require_inside
 from etude.toml_tables import decoded, from_table, read_text, write_values
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,
@@ -115,13 +119,7 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         raise UsageError(
             f"kind = '{table.kind}' is not a robot with joints", where=where, next_step="Leave it out."
         )
-    model_file = None if table.model_file is None else (folder / table.model_file).resolve()
-    if model_file is not None and not model_file.is_file():
-        raise UsageError(
-            f"model_file {model_file} does not exist",
-            where=where,
-            next_step="Correct the path (relative to this file), or remove model_file.",
-        )
+    model_file = None if table.model_file is None else _model_file(folder / table.model_file, where)
     names = [one.name for one in fields(Surroundings)]
     try:
         tables = {name: getattr(table, name) for name in names}
@@ -135,6 +133,72 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
     spec = ArmSpec(*head, **values, around=around)
     _check_search(spec, where)
     return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def _model_file(path: Path, where: str) -> Path:
+    """The path, absolute. It and what it names lie in the folder of a campaign that is not trusted."""
+    path = path.resolve()
+    require_inside([path])
+    if not path.is_file():
+        raise UsageError(
+            f"model_file {path} does not exist",
+            where=where,
+            next_step="Correct the path (relative to this file), or remove model_file.",
+        )
+    require_inside(_named_files(path))
+    return path
+
+
+MJCF_FOLDERS = ("meshdir", "texturedir", "assetdir")
+"""Attributes of <compiler> that names of files may be relative to."""
+
+
+def _named_files(path: Path) -> Iterator[Path]:
+    """Files that exist and that the model at `path` names, with those that MJCF files among them name.
+
+    A name that may mean several files gives each. An unreadable file names none: its reader says so.
+    """
+    root = _xml(path)
+    if root is not None and root.tag == "robot":
+        yield from _of_urdf(root, path)
+    elif root is not None:
+        yield from _of_mjcf(root, path, (), {path.resolve()})
+
+
+def _xml(path: Path) -> ET.Element | None:
+    try:
+        return ET.parse(path).getroot()
+    except (OSError, ValueError, ET.ParseError):
+        return None
+
+
+def _of_urdf(root: ET.Element, path: Path) -> Iterator[Path]:
+    names = tuple(mesh.get("filename", "") for mesh in root.iter("mesh"))
+    if not names:
+        return
+    from etude_arm.loading.mesh_paths import MeshPaths  # `status` loads little
+
+    paths = MeshPaths(path, (), names)
+    for name in names:
+        if file := paths.find(name):
+            yield file
+
+
+def _of_mjcf(root: ET.Element, path: Path, above: Sequence[Path], followed: set[Path]) -> Iterator[Path]:
+    """above: folders that names in the files that include this one are relative to; followed: files done."""
+    named = [Path(one.get(key, "")) for one in root.iter("compiler") for key in MJCF_FOLDERS]
+    starts = tuple(dict.fromkeys((*above, path.parent)))
+    folders = tuple(dict.fromkeys((*starts, *(start / one for start in starts for one in named))))
+    names = [name for one in root.iter() for key, name in one.attrib.items() if key.startswith("file")]
+    for file in (folder / name for name in names for folder in folders):
+        with contextlib.suppress(OSError, ValueError):
+            if not file.is_file():
+                continue
+            yield file
+            inner = None if file.resolve() in followed else _xml(file)
+            followed.add(file.resolve())
+            if inner is not None:
+                yield from _of_mjcf(inner, file, folders, followed)
 
 
 def _open(table: RobotTable) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import pytest
 from small_robot import make_campaign, stub_learner
 
 from etude import ask, plugins
-from etude.campaign import Campaign, Exported
+from etude.campaign import Campaign, Exported, open_campaign
 from etude.errors import UsageError
 
 
@@ -65,13 +65,19 @@ def test_files_that_were_deleted_are_written_again(lab: Campaign) -> None:
     assert len(exported(lab)) == 2
 
 
-@pytest.mark.parametrize("name", ["ros", "px4"])
-def test_a_format_that_does_not_fit_is_refused(lab: Campaign, name: str) -> None:
+@pytest.mark.parametrize("name", ["ros", "px4", "crazyflie", "urscript", "urscript_cb"])
+def test_a_format_that_does_not_fit_is_refused_before_any_design(lab: Campaign, name: str) -> None:
     with pytest.raises(UsageError):
-        ask(lab, formats=(name,), learner=stub_learner)
+        ask(lab, formats=("ros2_yaml", name), learner=stub_learner)
     assert not exported(lab)
-    # a name that does not exist is said before anything is asked for
-    assert bool(lab.state().proposals) == (name == "px4")
+    assert not lab.state().proposals
+
+
+def test_an_effort_that_is_no_force_is_refused_before_any_design(lab: Campaign) -> None:
+    robot = lab.path / "robot.toml"
+    robot.write_text(robot.read_text().replace('"N m"', '"A"'))
+    with pytest.raises(UsageError, match=r"commands of 'pair' are in A"):
+        ask(open_campaign(lab.path), formats=("ros2_yaml",), effort=True, learner=stub_learner)
 
 
 def test_an_effort_needs_a_model(lab: Campaign) -> None:

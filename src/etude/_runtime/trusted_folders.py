@@ -92,6 +92,29 @@ def require_trusted(named: Mapping[str, str], path: Path, folder: Path, identity
     )
 
 
+def outside_error(path: Path, where: Path, command: str) -> UsageError:
+    """The refusal of a path out of the folder, in a file of a folder that is not trusted."""
+    return UsageError(
+        f"this leads out of its folder, to {path}",
+        where=str(where),
+        next_step=f"Nothing was read there. If you trust the author of the folder: {command}. Otherwise, "
+        "copy that file into the folder and name the copy.",
+    )
+
+
+def require_no_links_out(folder: Path, identity: str, command: str) -> None:
+    """Raises UsageError if a link in the folder leads out of it, unless the folder is trusted.
+
+    folder, identity, command: as of `require_trusted`.
+    """
+    if is_trusted(folder, identity):
+        return
+    for place, folders, files in os.walk(folder):
+        for path in (Path(place) / name for name in (*folders, *files)):
+            if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
+                raise outside_error(path.resolve(), path, command)
+
+
 def names_in(value: Any, place: str = "") -> dict[str, str]:
     """Full name -> key, of all texts in the values of TOML or JSON."""
     return dict(_walk_names(value, place))

@@ -182,7 +182,7 @@ def read_record(folder: Path) -> Record:
 
     if not (folder / "campaign.toml").is_file() and not (folder / JOURNAL).is_file():
         raise UsageError(
-            "there is there is there is there is no campaign here: neither campaign.toml nor journal.jsonl",
+            "there is no campaign here: neither campaign.toml nor journal.jsonl",
             where=str(folder),
             next_step="Create one with `etude init FOLDER --robot ROBOT`.",
         )

@@ -65,7 +65,7 @@ class Offboard:
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no path in space."""
-        require_space(kind, spec, "an autopilot")
+        self.require_robot(kind, spec)
         motion = what.trajectory if isinstance(what, MotionWithCommands) else what
         count = whole_up(motion.duration * RATE) + 1
         t = np.arange(count + round(HELD_S * RATE)) / RATE
@@ -90,6 +90,10 @@ class Offboard:
             TABLE: text.getvalue().encode(),
             PLAYER: player("etude_quadrotor.export", "play_setpoints.py"),
         }
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: no path in space."""
+        require_space(kind, spec, "an autopilot")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The motion of the set-points, each held until the next, in single precision; east, north, up.

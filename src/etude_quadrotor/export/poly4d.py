@@ -41,7 +41,7 @@ class Poly4d:
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The file. UsageError: no path in space, or one that 31 pieces cannot approximate."""
-        require_space(kind, spec, "a Crazyflie")
+        self.require_robot(kind, spec)
         motion, _ = motion_and_command(what)
         times, error = _edges(motion)
         if not error <= CLOSE:
@@ -51,6 +51,10 @@ class Poly4d:
             )
         points = motion.motion(times, ORDERS).orders
         return {FILE: _text(times, _coefficients(times, points)).encode()}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: no path in space."""
+        require_space(kind, spec, "a Crazyflie")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The motion of the firmware: the polynomials in single precision.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -12,7 +14,7 @@ from small_robot import random_motion, stub_learner, write_log
 
 import etude
 from etude import tell, untell
-from etude.campaign import Campaign, IngestResult
+from etude.campaign import Campaign, IngestResult, judged_commands
 from etude.campaign.ingest.ingest_result import read as read_told
 from etude.campaign.ingest.questions import body_of, unit_findings
 from etude.cli import main
@@ -250,6 +252,58 @@ def test_a_file_of_placeholders_judges_no_commands(
     command = next(c for c in ARM.channels(spec) if c.role == "command")
     (found,) = unit_findings(ARM, spec, log.put(command, 0.1 * body.predict(log)))
     assert ("placeholders" in found.sentence, found.flag) == ((True, "") if made_up else (False, "scale"))
+
+
+LIFT = """<robot name="lift"><link name="base"/>
+<joint name="up" type="prismatic"><parent link="base"/><child link="car"/><origin xyz="0 0 1"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="200"/></joint>
+<link name="car"><inertial><mass value="4"/>INERTIA</inertial></link>
+<joint name="arm" type="revolute"><parent link="car"/><child link="fore"/>
+<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="3" effort="90"/></joint>
+<link name="fore"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>INERTIA</inertial></link>
+<joint name="wrist" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0.4 0 0"/>
+<axis xyz="1 0 0"/><limit lower="-2" upper="2" velocity="3" effort="9"/></joint>
+<link name="hand"><inertial><mass value="1"/>INERTIA</inertial></link></robot>
+""".replace("INERTIA", '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>')
+
+
+def lift_log(spec: Any) -> Log:
+    """All joints move; weight, inertia and friction are in the commands."""
+    noise = np.random.default_rng(5).standard_normal((2, 600, 3))
+    t = 0.02 * np.arange(600)
+    turns, size = np.array([0.31, 0.43, 0.23]) * 2.0 * np.pi, np.array([0.25, 0.7, 0.9])
+    angle = np.outer(t, turns) + np.array([0.3, 1.1, 2.0])
+    q, qd, qdd = size * np.sin(angle), size * turns * np.cos(angle), -size * turns**2 * np.sin(angle)
+    weight = np.column_stack([np.full(len(t), 69.0), -7.8 * np.cos(q[:, 1]), np.zeros(len(t))])
+    friction = [5.0, 1.0, 0.4] * np.tanh(qd / 0.01)
+    log, channels = Log(t, {}, {}, "a.csv"), ARM.channels(spec)
+    values = {"q": q + 1e-5 * noise[1], "qd": qd + 1e-4 * noise[1]}
+    for channel in channels:
+        if channel.role == "command":
+            log = log.put(channel, [7.0, 0.5, 0.1] * qdd + weight + friction + 0.02 * noise[0])
+        elif channel.name in values:
+            log = log.put(channel, values[channel.name])
+    return log
+
+
+@pytest.mark.parametrize("columns", [("q", "qd"), pytest.param(("command",), marks=pytest.mark.slow)])
+def test_a_lift_beside_a_file_of_placeholders_is_asked_about_and_not_turned(
+    columns: tuple[str, ...], tmp_path: Path
+) -> None:
+    """An inverted encoder looks like an inverted command, and a command that is turned for it is wrong."""
+    (tmp_path / "lift.urdf").write_text(LIFT)
+    spec = etude.load_robot(tmp_path / "lift.urdf")
+    wrong = lift_log(spec)
+    for name in columns:
+        wrong = wrong.put(wrong.channels[name], wrong[name] * [-1.0, 1.0, 1.0])
+    (found,) = (one for one in judged_commands(ARM, spec, wrong) if one.flag == "sign")
+    assert "--repair" not in found.step
+    assert "commands of up" in found.sentence
+    assert "positions of up" in found.sentence
+    # without a file the positions say what is forwards, and the command follows them
+    alone = replace(spec, model_file=None)
+    (found,) = (one for one in judged_commands(ARM, alone, wrong) if one.flag == "sign")
+    assert "--repair sign" in found.step
 
 
 def test_a_mounting_written_after_init_turns_gravity_and_is_told(tmp_path: Path) -> None:

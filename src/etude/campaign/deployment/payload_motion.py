@@ -115,10 +115,10 @@ def ask_to_weigh(
 
     Raises:
         UsageError: nothing was learned yet, the robot's links are unknown, no command depends on a load, a
-            file was changed, or a format is unknown.
+            file was changed, or a format is unknown or not for this robot.
         UnsafeTrajectoryError: no such motion inside the limits; nothing is written.
     """
-    require_formats(formats)
+    require_formats(campaign, formats)
     with campaign.writing():
         require_description(campaign)
         state = campaign.state()

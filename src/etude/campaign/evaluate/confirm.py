@@ -61,10 +61,10 @@ def ask_to_confirm(
         say: receives one sentence per step.
 
     Raises:
-        UsageError: nothing was learned yet, a file was changed, or an unknown format.
+        UsageError: nothing was learned yet, a file was changed, or a format is unknown or not for this robot.
         UnsafeTrajectoryError: no such motion inside the limits.
     """
-    require_formats(formats)
+    require_formats(campaign, formats, effort=effort)
     with campaign.writing():
         require_description(campaign)
         learn_pending(campaign, say=say)

@@ -43,7 +43,7 @@ class Step:
 
 
 def decided(
-    new: Sequence[Log], earlier: Mapping[int, Log], answer: Answer, body: Mean | None
+    new: Sequence[Log], earlier: Mapping[int, Log], answer: Answer, body: Mean | None, described: bool
 ) -> tuple[list[Step], Decision | None]:
     """The steps of new logs, and the last decision; none where commands act on no joint.
 
@@ -51,6 +51,7 @@ def decided(
         new: new logs, after repairs of their motion. earlier: logs by number, as they are stored.
         answer: "accept", "repair" or "" to a finding.
         body: commands predicted by the model file alone.
+        described: whether there is a file, even one that judges no commands.
     """
     path = joints(new[0]) if new else None
     if path is None:
@@ -67,7 +68,9 @@ def decided(
     steps: list[Step] = []
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
-        decision = sign_decision([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
+        decision = sign_decision(
+            [*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted, described=described
+        )
         changes = [] if CONTRADICTS in accepted else _changes(logs, path, body, answer, decision)
         steps += changes
         if any(step.what == "open" for step in changes):
@@ -142,17 +145,18 @@ class Survey:
     """Files that are ingested together, checked before any of them is stored.
 
     Attributes:
-        logs: by file, after repairs of their motion. earlier, answer, body: as in `decided`.
+        logs: by file, after repairs of their motion. earlier, answer, body, described: as in `decided`.
     """
 
     logs: Mapping[Path, Log]
     earlier: Mapping[int, Log]
     answer: Answer
     body: Mean | None
+    described: bool
 
     @cached_property
     def _steps(self) -> list[Step]:
-        steps = decided(list(self.logs.values()), self.earlier, self.answer, self.body)[0]
+        steps = decided(list(self.logs.values()), self.earlier, self.answer, self.body, self.described)[0]
         odd = None if any(step.what == "open" for step in steps) else self._contradiction(steps)
         if odd is None:
             return steps

@@ -134,7 +134,7 @@ class LogQuestions:
         return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
     def _decide_alone(self, log: Log) -> Sequence[Step]:
-        return decided([log], {}, self.answers.to, judging_body(self.kind, self.spec))[0]
+        return decided([log], {}, self.answers.to, *judge_of(self.kind, self.spec))[0]
 
     def _apply_step(self, log: Log, step: Step) -> Log:
         """The log after one decision. DataError: the decision is an open question."""
@@ -224,7 +224,7 @@ def questions_of(
     def decide(log: Log) -> Sequence[Step]:
         if steps is not None:
             return steps
-        return decided([log], earlier(), answers.to, judging_body(campaign.kind, campaign.spec))[0]
+        return decided([log], earlier(), answers.to, *judge_of(campaign.kind, campaign.spec))[0]
 
     return LogQuestions(campaign.kind, campaign.spec, answers, decide, earlier)
 
@@ -257,8 +257,8 @@ def judged_commands(
         motion: the filtered motion of the log, if it was computed already.
         earlier: logs of the robot, by number.
     """
-    body = None if kind is None else judging_body(kind, spec)
-    steps, last = decided([log], earlier or {}, lambda _: "", body)
+    judge = (None, False) if kind is None else judge_of(kind, spec)
+    steps, last = decided([log], earlier or {}, lambda _: "", *judge)
     findings = [step.finding for step in steps]
     if any(step.what == "open" for step in steps) or last is None:
         return tuple(findings)
@@ -332,6 +332,12 @@ def body_of(kind: Kind, spec: Any) -> Mean | None:
     """The model file's prediction of the commands; None without a file, or for other units."""
     means = kind.physics(spec, preset_config(kind, "default"))
     return means["nominal"](None) if "nominal" in means else None
+
+
+def judge_of(kind: Kind, spec: Any) -> tuple[Mean | None, bool]:
+    """`judging_body`, and whether there is a file, even one that judges no log."""
+    body = judging_body(kind, spec)
+    return body, body is not None or body_of(kind, spec) is not None
 
 
 def judging_body(kind: Kind, spec: Any) -> Mean | None:

@@ -23,7 +23,7 @@ from etude.campaign.ingest.ingest_result import (
     read,
     read_settled,
 )
-from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, judging_body, questions_of
+from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, judge_of, questions_of
 from etude.campaign.ingest.recordings import Evidence, evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_of_robot
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
@@ -593,8 +593,8 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
         with contextlib.suppress(DataError):  # the error is reported when the file is ingested
             if state.round_of_log(sha256_of_log(path)) is None:
                 logs |= _prepare(campaign, path, how, answers)
-    body = judging_body(campaign.kind, campaign.spec)
-    return Survey(logs, ingested_logs(campaign, state), answers.to, body)
+    judge = judge_of(campaign.kind, campaign.spec)
+    return Survey(logs, ingested_logs(campaign, state), answers.to, *judge)
 
 
 def _prepare(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:

@@ -111,11 +111,11 @@ def ask(
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
         UsageError: a file of the open proposal is missing or was changed, the proposal is for another
-            control, or a format is unknown.
+            control, or a format is unknown or not for this robot.
         UnsafeTrajectoryError: no trajectory is inside the limits; nothing is written.
     """
     motions = _tasks(campaign, tasks)
-    _require(formats)
+    _require(campaign, formats, effort)
     under = required(control, effort)
     with campaign.writing():
         require_description(campaign)
@@ -171,11 +171,11 @@ def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
     return load_tasks(tasks, campaign.channel(campaign.kind.path))
 
 
-def _require(formats: Sequence[str]) -> None:
+def _require(campaign: Campaign, formats: Sequence[str], effort: bool) -> None:
     if formats:
         from etude.campaign.propose.export import require_formats
 
-        require_formats(formats)
+        require_formats(campaign, formats, effort=effort)
 
 
 def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etude import plugins
-from etude.abilities import SupportsCollecting
+from etude.abilities import SupportsCollecting, SupportsRobotCheck
 from etude.campaign.propose.constraints import constraints_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import deployed_model, model_to_command
@@ -45,10 +45,18 @@ class ExportedMotion:
     renewed: tuple[str, ...] = ()
 
 
-def require_formats(names: Sequence[str]) -> None:
-    """Loads the exporters, so that a wrong name fails before any design. UsageError: a format is unknown."""
+def require_formats(campaign: Campaign, names: Sequence[str], *, effort: bool = False) -> None:
+    """Refuses before any design what the robot alone decides; arguments as `ask`.
+
+    Raises:
+        UsageError: a format is unknown or not for this robot, or its commands are not forces.
+    """
     for name in names:
-        plugins.load(GROUP, name)
+        exporter = plugins.load(GROUP, name)
+        if isinstance(exporter, SupportsRobotCheck):
+            exporter.require_robot(campaign.kind, campaign.spec)
+    if names and effort:
+        _require_forces(campaign)
 
 
 def export(
@@ -102,9 +110,12 @@ def _proof(certificate: Certificate) -> bytes:
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> MotionWithCommands:
-    unit = command_unit(campaign.spec)
-    require_forces(unit, campaign.spec.name, "Export without --effort.")
+    _require_forces(campaign)
     return with_commands(trajectory, model_to_command(campaign).model)
+
+
+def _require_forces(campaign: Campaign) -> None:
+    require_forces(command_unit(campaign.spec), campaign.spec.name, "Export without --effort.")
 
 
 def _accelerated(

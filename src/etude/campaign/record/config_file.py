@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude._runtime.trusted_folders import folder_id, is_trusted, names_in, require_trusted, trust
+from etude._runtime.trusted_folders import (
+    folder_id,
+    is_trusted,
+    names_in,
+    require_no_links_out,
+    require_trusted,
+    trust,
+)
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
 from etude.campaign.record.journal import JOURNAL
 from etude.errors import UsageError, typed
@@ -39,7 +46,8 @@ def load_config(folder: Path) -> ConfigFile:
     """The campaign.toml in `folder`.
 
     Raises:
-        UsageError: the folder holds no campaign, or a value is invalid; names the file and the key.
+        UsageError: the folder holds no campaign, a value is invalid (names the file and the key), or the
+            folder is not trusted and names code or has a link out of it.
     """
     path = folder / CONFIG
     try:
@@ -53,6 +61,7 @@ def load_config(folder: Path) -> ConfigFile:
     except OSError as error:
         raise unreadable(path, error) from error
     require_trusted_names(folder, CONFIG, _names(data, str(path)))
+    require_no_links_out(folder, folder_id(folder / JOURNAL), trust_command(folder))
     return parse_config(data, str(path))
 
 

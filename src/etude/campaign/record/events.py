@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from datetime import datetime
 from functools import lru_cache
+from pathlib import PurePath
 from typing import Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from etude.codes import Notice
@@ -524,7 +525,7 @@ def event_from_json(text: str) -> Event:
 
     Raises:
         NewerFormatError: its version is newer, or the version is known and the event is not.
-        ValueError: it is no event, or its time is none.
+        ValueError: it is no event, its time is none, or it names a file outside the campaign.
     """
     values = json.loads(text)
     if not isinstance(values, dict):
@@ -546,7 +547,12 @@ def event_from_json(text: str) -> Event:
         raise ValueError(f"without {missing}")
     if arguments["time"]:
         datetime.fromisoformat(arguments["time"])
-    return Event(_decoded(kind, values), **arguments)
+    event = Event(_decoded(kind, values), **arguments)
+    recording = event.fact.recording if isinstance(event.fact, MotionEnded) else ""
+    for name in (*event.files, recording):
+        if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+            raise ValueError(f"{name} is outside the campaign")
+    return event
 
 
 def plain(value: Any) -> Any:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +17,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import JOURNAL
 from etude.drivers import Player, find_driver
 from etude.errors import UsageError, typed
-from etude.plugins import named_in
+from etude.plugins import named_in, require_inside
 from etude.toml_tables import decoded, read_table, read_text, refuse_unknown
 
 FILE = "run.toml"
@@ -75,11 +78,25 @@ def read_settings(campaign: Campaign, on: str = "") -> RunSettings:
 
 
 def driver_of(campaign: Campaign, settings: RunSettings) -> Player:
-    """The driver, not connected. What a file names as module:attribute is run only of a trusted folder."""
+    """The driver, not connected. What a file names as module:attribute is run only of a trusted folder.
+
+    Raises:
+        UsageError: as `find_driver`; or a folder that is not trusted names a file outside itself.
+    """
     at_home = np.asarray(campaign.kind.home(campaign.spec), dtype=float).tolist()
     home = dict(zip(campaign.axes, at_home, strict=True))
-    if not settings.of_file:
-        return find_driver(settings.on, campaign.axes, settings.driver, home=home)
     path, folder = campaign.path / FILE, campaign.path
-    with named_in(path, folder, folder_id(folder / JOURNAL), trust_command(folder)):
+    in_file = partial(named_in, path, folder, folder_id(folder / JOURNAL), trust_command(folder))
+    values = (*settings.driver.values(), *(settings.on.split(":")[1:] if settings.of_file else ()))
+    with in_file():
+        require_inside(_files(values))
+    with in_file() if settings.of_file else contextlib.nullcontext():
         return find_driver(settings.on, campaign.axes, settings.driver, home=home)
+
+
+def _files(values: Iterable[Any]) -> Iterator[Path]:
+    """Files that exist and that a word of these values names."""
+    for word in (word for value in values if isinstance(value, str) for word in value.split(",")):
+        with contextlib.suppress(OSError, ValueError):
+            if Path(word).is_file():
+                yield Path(word)

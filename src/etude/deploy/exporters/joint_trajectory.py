@@ -57,7 +57,7 @@ class JointTrajectoryBag:
         Raises:
             UsageError: the robot has no joints, the motion is too quick, or rosbags is not installed.
         """
-        require_joints(kind, spec, "a JointTrajectory")
+        self.require_robot(kind, spec)
         knots = knots_of(what, kind, spec, ORDERS)
         rosbag2 = needed("rosbags.rosbag2", WRITING, Path(FOLDER))
         store = _store()
@@ -68,6 +68,10 @@ class JointTrajectoryBag:
                 connection = writer.add_connection(TOPIC, MESSAGE, typestore=store)
                 writer.write(connection, 0, store.serialize_cdr(_message(knots, store.types), MESSAGE))
             return {f"{FOLDER}/{file.name}": file.read_bytes() for file in sorted(folder.iterdir())}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot has no joints."""
+        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that joint_trajectory_controller plays: quintics, cubics or lines.
@@ -139,9 +143,13 @@ class JointTrajectoryYaml:
         """The file; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion is
         too quick.
         """
-        require_joints(kind, spec, "a JointTrajectory")
+        self.require_robot(kind, spec)
         text = _document(knots_of(what, kind, spec, ORDERS))
         return {FILE: (_usage_comment(len(text)) + text).encode()}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot has no joints."""
+        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that joint_trajectory_controller plays."""
@@ -213,7 +221,7 @@ class CsvPlayer:
         """Both files; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion
         is too quick.
         """
-        require_joints(kind, spec, "a JointTrajectory")
+        self.require_robot(kind, spec)
         knots = knots_of(what, kind, spec, ORDERS)
         columns = [f"{word}/{name}" for word in WORDS for name in knots.names]
         table = np.concatenate(list(knots.points), axis=1)
@@ -227,6 +235,10 @@ class CsvPlayer:
             [t, *map(repr, row)] for t, row in zip(knots.nanoseconds.tolist(), table.tolist(), strict=True)
         )
         return {TABLE: text.getvalue().encode(), PLAYER: player("etude.deploy.exporters", "play_points.py")}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot has no joints."""
+        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that the controller plays of the player's table."""

@@ -39,7 +39,7 @@ class LerobotActions:
         Raises:
             UsageError: the robot has no joints.
         """
-        require_joints(kind, spec, "LeRobot")
+        self.require_robot(kind, spec)
         motion, _ = motion_and_command(what)
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         rate = float(spec.rate)
@@ -48,6 +48,10 @@ class LerobotActions:
         actions = (motion.motion(t, 1).orders[0] * _factor(path)).astype(np.float32)
         text = json.dumps(_info([p + SUFFIX for p in path.parts], path, spec, count, rate), indent=1) + "\n"
         return {INFO: text.encode(), DATA: _parquet(t, actions)}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot has no joints."""
+        require_joints(kind, spec, "LeRobot")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """Lines between the actions, in rad or m."""

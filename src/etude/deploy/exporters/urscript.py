@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.rounding import whole_up
-from etude.deploy.exporters.knots import SLOWEST, require_joints
+from etude.deploy.exporters.knots import SLOWEST, names_of, require_joints
 from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
@@ -102,13 +102,7 @@ class UrScript:
         Raises:
             UsageError: the robot does not have six revolute joints.
         """
-        require_joints(kind, spec, "URScript")
-        path = next(c for c in kind.channels(spec) if c.name == kind.path)
-        if len(path.parts) != JOINTS or set(path.units) != {"rad"}:
-            raise UsageError(
-                f"URScript moves {JOINTS} revolute joints, but {spec.name!r} has {', '.join(path.parts)}",
-                next_step="Use another format: etude plugins lists them.",
-            )
+        self.require_robot(kind, spec)
         motion, _ = motion_and_command(what)
         at, points = self._points(motion)
         steps = np.diff(at)
@@ -118,7 +112,7 @@ class UrScript:
             for n, row in zip(steps, rows[1:], strict=True)
         ]
         text = PROGRAM.format(
-            names=json.dumps(", ".join(path.parts)),
+            names=json.dumps(", ".join(names_of(kind, spec))),
             rate=self.rate,
             duration=at[-1] / self.rate,
             start=_list(points[0, 0]),
@@ -129,6 +123,16 @@ class UrScript:
             pieces="\n".join(calls),
         )
         return {FILE: text.encode("ascii")}
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot does not have six revolute joints."""
+        require_joints(kind, spec, "URScript")
+        path = next(c for c in kind.channels(spec) if c.name == kind.path)
+        if len(path.parts) != JOINTS or set(path.units) != {"rad"}:
+            raise UsageError(
+                f"URScript moves {JOINTS} revolute joints, but {spec.name!r} has {', '.join(path.parts)}",
+                next_step="Use another format: etude plugins lists them.",
+            )
 
     def _points(self, motion: Trajectory) -> tuple[Index, Array]:
         """Steps (K,) at which pieces meet, as far apart as CLOSE allows, and the motion there (O, K, J)."""

@@ -40,6 +40,7 @@ def sign_decision(
     fresh: Sequence[int] | None = None,
     force: bool = True,
     accepted: Collection[str] = (),
+    described: bool | None = None,
 ) -> Decision:
     """The decision over all logs together.
 
@@ -49,6 +50,8 @@ def sign_decision(
         fresh: indices of the logs that are new; the others were judged before. None: all.
         force: whether commands are forces in SI, which may hold gravity.
         accepted: checks whose findings the user has accepted.
+        described: whether a model file gives the joints' directions, even one that judges no commands; None:
+            a body is one. Without a file directions are those of the positions.
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
@@ -99,7 +102,10 @@ def sign_decision(
         joints = tuple(np.flatnonzero(stepped.rows.moving).tolist()) if alone is None else exchangeable(alone)
         return stepped.decision("silent", why="late" if unknown else "", exchangeable=joints)
     decision = decision if decision.logs else replace(decision, logs=fresh)
-    return replace(decision, positions=_position_odds(decision, stepped, path, body))
+    positions = _position_odds(decision, stepped, path, body)
+    described = body is not None if described is None else described
+    either_side = described and decision.check in (SIGN, SWAPPED) and positions > -CERTAIN
+    return replace(decision, positions=positions, either_side=either_side)
 
 
 def _uncontradicted(decision: Decision | None, evidence: JointEvidence) -> Decision | None:

@@ -136,6 +136,8 @@ def _sign_finding(decision: Decision, parts: Sequence[str], where: str) -> Findi
         fact += f" {OTHERS[decision.why]}"
         step = f"{_deciding_step(decision, parts)}; {accepted(SIGN)}."
         return Doubt(SIGN, "yellow", fact, step, SIGN, by=decision.by)
+    if decision.either_side:
+        return Doubt(SIGN, _light(decision), f"{fact} {EITHER}", _side_step(SIGN), SIGN, by=decision.by)
     step = both(SIGN, f"invert the sign of {names}{where}")
     more = "" if decision.level == "certain" else f" {_deciding_step(decision, parts)}."
     return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
@@ -166,6 +168,14 @@ def _position_note(decision: Decision, names: str) -> str:
     if decision.positions <= -CERTAIN:
         return ""
     return f" Wrong positions of {names} would look the same."
+
+
+EITHER = "Neither the data nor the model file show which, so nothing is repaired."
+
+
+def _side_step(check: str) -> str:
+    """The next step where positions or commands are wrong: the robot shows which."""
+    return f"Check at the robot which of them are wrong, and correct their columns; {accepted(check)}."
 
 
 OTHERS = {
@@ -207,15 +217,15 @@ def _order_finding(decision: Decision, parts: Sequence[str], where: str) -> Find
             by=decision.by,
         )
     pairs = ", ".join(f"{parts[i]} fits the column of {parts[j]}" for i, j in enumerate(order) if i != j)
-    return Mendable(
-        SWAPPED,
-        _light(decision),
+    fact = (
         f"The commands of {named(parts, moved)} are swapped{where}: {pairs} ({_odds(decision)})."
-        f"{_position_note(decision, named(parts, moved))}",
-        both(SWAPPED, "put them into this order"),
-        flag=SWAPPED,
-        by=decision.by,
+        f"{_position_note(decision, named(parts, moved))}"
     )
+    if decision.either_side:
+        fact, step = f"{fact} {EITHER}", _side_step(SWAPPED)
+        return Doubt(SWAPPED, _light(decision), fact, step, SWAPPED, by=decision.by)
+    step = both(SWAPPED, "put them into this order")
+    return Mendable(SWAPPED, _light(decision), fact, step, flag=SWAPPED, by=decision.by)
 
 
 def _direction_finding(decision: Decision, where: str) -> Finding:

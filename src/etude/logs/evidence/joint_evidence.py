@@ -35,6 +35,8 @@ class Decision:
             runs backwards, another "order". "late" of a silent one whose commands may be late.
         positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
             no model file tells.
+        either_side: of a sign or an order, positions and commands have directions of their own, and nothing
+            tells which of them are wrong.
         exchangeable: of a silent one, joints whose commands another order explains as well.
     """
 
@@ -49,6 +51,7 @@ class Decision:
     ahead: float = np.inf
     why: str = ""
     positions: float = 0.0
+    either_side: bool = False
     exchangeable: tuple[int, ...] = ()
 
     @property
