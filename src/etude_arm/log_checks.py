@@ -179,8 +179,10 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
 
 def _rate(spec: ArmSpec, log: Log) -> OfRecorder:
     rate = median_rate(log.t)
-    sentence = f"The log has {rate:.4g} rows a second, but the robot file states {spec.rate:.4g}."
-    if 1.0 / ALIKE < rate / spec.rate < ALIKE:
+    alike = 1.0 / ALIKE < rate / spec.rate < ALIKE
+    link = "and" if alike else "but"
+    sentence = f"The log has {rate:.4g} rows a second, {link} the robot file states {spec.rate:.4g}."
+    if alike:
         return OfRecorder(ROBOT_RATE, "green", sentence)
     step = "If rows were thinned or the robot file is wrong, the log is right; else its clock is wrong."
     return OfRecorder(ROBOT_RATE, "yellow", sentence, step)

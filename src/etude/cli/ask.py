@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ROW = ["axis", "quantity", "planned", "tracking margin", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
 FEEDFORWARD = "feedforward.csv"
-SLOWLY = "Run it slowly first, with --speed 50: no log has shown its tracking margins yet."
+SLOWLY = "Run it slowly first, with --speed 50: some tracking margins are assumed, as no log has shown them."
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 DISTANCES = {"clearance": ("distances", "distance (m)", " m")}

@@ -307,7 +307,8 @@ def _home_outside(
         f"rest at home violates the limits: {'; '.join(facts)}",
         where=", ".join(limit.name for limit in broken),
         next_step="Choose another home: `home` of [search] in robot.toml for arms, the middle of the "
-        "room for vehicles. Enlarge only limits that are narrower than the data sheet's.",
+        "room for vehicles. Enlarge only limits that are narrower than the data sheet's, "
+        "or correct your own [[limit]].",
     )
 
 

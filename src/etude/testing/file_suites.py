@@ -109,6 +109,9 @@ class ReaderSuite:
                 table = self._values(path)
             except DataError:
                 continue
+            assert set(table) <= set(self.columns), (
+                f"names that nobody wrote: {set(table) - set(self.columns)}"
+            )
             for name, values in table.items():
                 assert np.array_equal(values, self.columns[name][: len(values)]), f"{name} of a cut file"
 

@@ -50,7 +50,7 @@ def test_commands_of_a_drive_do_not_stand_beside_others(tmp_path: Path) -> None:
     path = foreign(tmp_path / "run.csv")
     first = next(iter(MOTORS))
     names = {f"{to} [‰]" if to == first else to: header for to, header in NAMES.items()}
-    with pytest.raises(DataError, match=rf"{first} \[‰\].*one is in N m, as in \"{first}\" = \"0.33"):
+    with pytest.raises(DataError, match=rf"{first} \[‰\].*one is in N m, as in \"{first}\" = \"FACTOR"):
         read_log(path, CHANNELS, rate=RATE, limits=LIMITS, config=LogConfig(names))
     scaled = names | {f"{first} [‰]": "", first: f"0.5 * {MOTORS[first]}"}
     log = read_log(

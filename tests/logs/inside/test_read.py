@@ -109,7 +109,7 @@ def test_degrees_are_refused_unless_named_or_asked_for(tmp_path: Path) -> None:
     named = {(f"{k} [deg]" if k.startswith("q") else k): v for k, v in columns_of(degrees).items()}
     log = read(write_csv(tmp_path / "named.csv", named))
     np.testing.assert_allclose(log["q"], LOG["q"])
-    assert "Channel q was converted from deg, as its headers state." in log.repairs
+    assert "Channel q was converted from deg, as stated." in log.repairs
 
 
 @pytest.mark.parametrize("factor", [180 / np.pi, 1e3])

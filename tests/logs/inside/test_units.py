@@ -142,9 +142,7 @@ def test_units_in_headers_are_converted(
     found = read(written(tmp_path / "log.csv", log, units, factors))
     for channel, factor in factors.items():
         np.testing.assert_allclose(found[channel], log[channel], rtol=1e-12, atol=1e-15)
-        said = (
-            f"Channel {channel} was converted from {units[channel]}, as its headers state." in found.repairs
-        )
+        said = f"Channel {channel} was converted from {units[channel]}, as stated." in found.repairs
         assert said is (factor != 1.0)
 
 

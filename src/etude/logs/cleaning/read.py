@@ -181,9 +181,7 @@ def _recorded(
     del raw  # memory: a long log must not be held twice
     for name, columns in matching.channels.items():
         values[name] = _take_channel(left, columns)
-        units = dict.fromkeys(column.written_unit for column in columns if column.factor != 1.0)
-        if units:
-            repairs.append(f"Channel {name} was converted from {', '.join(units)}, as its headers state.")
+        repairs += _conversion(name, columns)
     log = Log(
         t=t,
         channels={c.name: c for c in channels if c.name in values},
@@ -197,6 +195,16 @@ def _recorded(
         if any(column.stated for column in columns)
     }
     return with_rest_reported(log), stated
+
+
+def _conversion(name: str, columns: Sequence[Column]) -> list[str]:
+    """A sentence if units of a channel's columns were converted; it names the columns if not all were."""
+    converted = [column for column in columns if column.factor != 1.0]
+    if not converted:
+        return []
+    units = ", ".join(dict.fromkeys(column.written_unit for column in converted))
+    some = "" if len(converted) == len(columns) else f" ({', '.join(c.name for c in converted)})"
+    return [f"Channel {name}{some} was converted from {units}, as stated."]
 
 
 def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection[str]) -> Matching:

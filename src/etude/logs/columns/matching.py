@@ -226,12 +226,13 @@ def _in_drive_unit(channel: Channel, column: Column, unit: str, where: str) -> C
 
 
 def _mixed_units(channel: Channel, drive: Sequence[str], others: Sequence[str], where: str) -> DataError:
-    factor = f'"{split_unit(drive[0])[0]}" = "0.33 * HEADER"'
+    factor = f'"{split_unit(drive[0])[0]}" = "FACTOR * HEADER"'
     return DataError(
         f"commands in a unit of the drive ({', '.join(drive)}) stand beside others ({', '.join(others)})",
         where=where,
         next_step="State in the table [log.columns] of campaign.toml what one is in "
-        f"{channel.units[0]}, as in {factor} with the file's HEADER.",
+        f"{channel.units[0]}, as in {factor}. HEADER is the file's, and FACTOR the number "
+        f"of {channel.units[0]} in one of its units, negative if the column has the opposite sign.",
     )
 
 
