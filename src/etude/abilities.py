@@ -503,7 +503,7 @@ class SupportsFileNotes(Protocol):
 class SupportsCommandedFiles(Protocol):
     """`Exporter` whose files may command other accelerations (T, 3) than the motion's; None: they do not.
 
-    answered: those (T, 3) that the receiver's own loop makes of them: limits of tilt hold for these.
+    answered: those (T, 3) that the receiver's own loop may make of them: limits of tilt hold for all.
     strays: positions (K, k), and the largest deviation from each if the learned accelerations are wrong.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -33,11 +34,13 @@ class MotionWithCommands:
         acceleration: t (T,) s -> (T, k) set-points of the feedback in place of the motion's acceleration: the
             sum of this and the model's addition, such as drag; None: the motion's own. See
             `abilities.SupportsAccelerations`.
+        tilt: rad from the vertical that commanded accelerations may ask of a thrust; inf: any.
     """
 
     trajectory: Trajectory
     command: Callable[[Array], Array] | None = None
     acceleration: Callable[[Array], Array] | None = None
+    tilt: float = math.inf
 
 
 def with_commands(trajectory: Trajectory, model: Model) -> MotionWithCommands:
@@ -80,6 +83,7 @@ def within_tilt(what: MotionWithCommands, limits: Sequence[Limit]) -> MotionWith
     if not tilts:
         return what
     limit = min(tilts, key=lambda tilt: tilt.angle)
+    what = replace(what, tilt=limit.angle * (1.0 - ROUNDING))
     return _between(what, lambda planned, setpoint: clipped_to_tilt(planned, setpoint, limit))
 
 

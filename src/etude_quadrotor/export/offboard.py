@@ -75,6 +75,7 @@ class Offboard:
         columns, header = list(orders), list(HEADER)
         if isinstance(what, MotionWithCommands) and what.acceleration is not None:
             drag, cascade = _additions(what, t, orders[2], still, spec)
+            cascade = _within_tilt(orders[2] + drag, cascade, what.tilt)
             columns[2], header = orders[2] + drag + cascade, [*HEADER, *DRAG, *CASCADE]
             columns += [drag, cascade]
         text = io.StringIO()
@@ -109,11 +110,17 @@ class Offboard:
         return np.asarray(points[2] @ NED.T) if drag.any() else None
 
     def answered(self, files: Mapping[str, bytes]) -> Array | None:
-        """(K, 3) m/s^2 that PX4's cascade makes of them, so the vehicle tilts by these; None: the motion's
-        own. East, north, up.
+        """(3 K, 3) m/s^2 that PX4's cascade may make of them, so the vehicle tilts by these; None: the
+        motion's own. East, north, up.
+
+        First those that it is expected to make. Then those of a vehicle without that delay and damping, and
+        the same where its tilt ignores vertical acceleration.
         """
         _, points, drag, cascade = _read(files)
-        return np.asarray((points[2] - cascade) @ NED.T) if drag.any() else None
+        if not drag.any():
+            return None
+        decoupled = points[2] * [1.0, 1.0, 0.0]  # MPC_ACC_DECOUPLE: the tilt is that of no vertical part
+        return np.asarray(np.concatenate([points[2] - cascade, points[2], decoupled]) @ NED.T)
 
     def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
         """Positions (K, 3) m of the set-points, held after the last, and the vehicle's deviation (K, 3) m
@@ -152,8 +159,8 @@ class Offboard:
             f"{motion_tilt:.3g}. Limits are proved for the motion, and the tilt limit also for what PX4 "
             "makes of the commands.",
             "Horizontal accelerations also allow for the delay and the damping of PX4's cascade, with up to "
-            f"{np.linalg.norm(cascade, axis=1).max():.3g} m/s^2 in the columns cascade_*. If MC_ROLL_P and "
-            "MPC_XY_VEL_D_ACC are not 6.5 and 0.2, write attitude_gain and velocity_damping into robot.toml.",
+            f"{np.linalg.norm(cascade, axis=1).max():.3g} m/s^2 in the columns cascade_*. They assume "
+            "attitude_gain and velocity_damping of robot.toml, which are PX4's defaults unless stated.",
             "If the learned drag is wrong by at most its full size, the vehicle may leave the plan by "
             f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, in addition to the tracking "
             "error, with PX4's default gains.",
@@ -179,6 +186,19 @@ def _additions(
     cascade[:, 2] = 0.0  # thrust answers within the motors' lag
     drag = np.where(moves, now - own, 0.0)
     return drag, np.where(moves & drag.any(), cascade, 0.0)
+
+
+def _within_tilt(now: Array, cascade: Array, tilt: float) -> Array:
+    """What is added for PX4's cascade (K, 3), reduced so that no set-point asks for more than this tilt: a
+    vehicle without the delay and the damping that robot.toml states keeps the limit, too.
+    """
+    if not np.isfinite(tilt):
+        return cascade
+    asked = (now + cascade)[:, :2]
+    most = math.tan(tilt) * np.minimum(GRAVITY, GRAVITY - now[:, 2])
+    size = np.maximum(np.hypot(asked[:, 0], asked[:, 1]), 1e-9)  # without any, nothing is reduced
+    asked *= np.minimum(1.0, most / size)[:, None]
+    return np.concatenate([asked - now[:, :2], cascade[:, 2:]], axis=1)
 
 
 def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array, Array]:

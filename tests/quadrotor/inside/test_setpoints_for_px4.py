@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from etude.types import Array
 from etude_quadrotor import KIND, NED, OFFBOARD, QuadrotorSpec
 
 SPEC: QuadrotorSpec = KIND.spec(Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml")
-DRAG, DT = 0.4, 0.002
+DRAG, DT, G = 0.4, 0.002, 9.80665
 
 
 def motion(pace: float) -> FourierTrajectory:
@@ -35,7 +37,11 @@ def told(own: FourierTrajectory) -> MotionWithCommands:
 
 def table(own: FourierTrajectory, spec: QuadrotorSpec = SPEC) -> Array:
     """Rows of setpoints.csv."""
-    files = OFFBOARD(told(own), KIND, spec)
+    return rows_of(OFFBOARD(told(own), KIND, spec))
+
+
+def rows_of(files: Mapping[str, bytes]) -> Array:
+    """Numbers of setpoints.csv."""
     return np.loadtxt(files["setpoints.csv"].decode().splitlines(), delimiter=",", skiprows=1)
 
 
@@ -98,3 +104,25 @@ def test_what_was_played_is_the_motion() -> None:
     played = OFFBOARD.back(OFFBOARD(told(own), KIND, SPEC))
     orders = own.motion(np.minimum(played.times, own.duration), 3).orders
     np.testing.assert_allclose(played.points, orders, atol=2e-6)
+
+
+def test_no_vehicle_tilts_further_than_its_limit_whatever_its_damping() -> None:
+    """Not one without delay and damping either, and with MPC_ACC_DECOUPLE of 0 or 1."""
+    own = motion(1.6)
+    force = told(own).acceleration(np.linspace(0.0, own.duration, 999))  # type: ignore[misc]
+    needed = float(np.arctan2(np.hypot(force[:, 0], force[:, 1]), G + force[:, 2]).max())
+    tilt = 1.001 * needed
+    files = [OFFBOARD(replace(told(own), tilt=most), KIND, SPEC) for most in (math.inf, tilt)]
+    free, bound = map(rows_of, files)
+
+    def tilts(rows: Array) -> Array:
+        level = np.hypot(rows[:, 7], rows[:, 8])
+        return np.array([np.arctan2(level, lift).max() for lift in (G, G - rows[:, 9])])
+
+    assert tilts(free).max() > 1.05 * tilt
+    assert tilts(bound).max() <= tilt * (1.0 + 1e-6)
+    assert np.abs(bound[:, 7:9] - free[:, 7:9]).max(axis=1).astype(bool).mean() < 0.5, "only where it must"
+    possible = OFFBOARD.answered(files[1])
+    assert possible is not None
+    lean = np.arctan2(np.hypot(possible[:, 0], possible[:, 1]), G + possible[:, 2])
+    assert needed * 0.99 < lean.max() <= tilt * (1.0 + 1e-6)
