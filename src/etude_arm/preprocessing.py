@@ -36,7 +36,7 @@ from etude.logs.cleaning.smoothing import quick_length
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
-from etude_arm.spec import COMMAND, COMMAND_RATES, MEMORY, PATH, PLAN, TURNING, ArmSpec
+from etude_arm.spec import COMMAND, COMMAND_RATES, FORCES, MEMORY, PATH, PLAN, TURNING, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
 LEFT = 2.0
@@ -210,12 +210,19 @@ def filter_cutoff(log: Log, config: ArmData) -> float:
     longest = longest_stretch(log)
     grid = uniform_grid(longest.t, median_rate(log.t))
     q = resample(longest.t, longest[PATH[0]], grid)
-    cutoff = auto_cutoff(grid, q)
+    command = longest.channels.get(COMMAND)
+    force = command is not None and set(command.units) <= set(FORCES)
+    cutoff = auto_cutoff(grid, q, STEPS_HZ if force else 0.0)
     if COMMAND not in longest:
         return cutoff
     return _wide_enough(grid, q, resample(longest.t, longest[COMMAND], grid), cutoff)
 
 
+STEPS_HZ = 5.0
+"""Hz that friction's steps need in commands that are forces, however slow the motion. A lower cutoff spreads
+them over speeds at which friction is another: with 2 Hz a Kinova j2s6 missed half of its friction near rest.
+Of currents the one slow recording (examples/tiago) gains within blocks and loses between quarters.
+"""
 WIDER = (5.0, TARGET_HZ)
 """Hz: cutoffs tried where that of the positions is lower, since commands have steps that these lack."""
 CLEARLY = 0.9

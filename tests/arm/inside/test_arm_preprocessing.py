@@ -119,6 +119,22 @@ def test_a_cutoff_of_positions_is_widened_where_commands_have_steps(
     assert filter_cutoff(slow, DEFAULT) < 3.2
 
 
+@pytest.mark.parametrize(("noise", "least", "most"), [(0.0, 4.0, 4.3), (1e-6, 2.5, 3.0), (1e-3, 0.95, 1.1)])
+def test_slow_motion_keeps_friction_steps_of_forces_as_far_as_noise_allows(
+    noise: float, least: float, most: float
+) -> None:
+    """Times the cutoff that the motion alone needs, 20 times its band."""
+    t = np.arange(0.0, 100.0, 0.02)
+    phase = 0.1 * np.pi * t[:, None] * [0.7, 1.0]
+    q = np.arcsin(0.98 * np.sin(phase)) + noise * np.random.default_rng(0).standard_normal(phase.shape)
+    log = Log(t, {}, {}, "run").put(CHANNELS["q"], q)
+    force, current = (
+        filter_cutoff(log.put(replace(CHANNELS["command"], units=(u, u)), np.cos(phase)), DEFAULT)
+        for u in ("N m", "A")
+    )
+    assert least < force / current < most
+
+
 def test_lead_in_and_edges_are_trimmed() -> None:
     config = ArmData(cutoff_hz=1.0, trim_s=3.0)
     data = build(LOG, SPEC, config)

@@ -126,13 +126,13 @@ def _small_factors(number: int) -> bool:
     return number == 1
 
 
-def auto_cutoff(t: Array, q: Array) -> float:
+def auto_cutoff(t: Array, q: Array, least_hz: float = 0.0) -> float:
     """A cutoff in Hz for positions q (T, dof) on a uniform grid: what the motion needs and noise allows.
 
-    The motion needs BAND_FACTOR times the widest joint's `motion_bands`, the noise allows `_noise_cutoff`.
-    The smaller counts, but never less than PASS_FACTOR times the band, so that noise cannot take the motion
-    itself, nor more than an eighth of the sampling rate. All joints share one filter, so that their
-    dynamics stay coupled in phase.
+    The motion needs BAND_FACTOR times the widest joint's `motion_bands`, and `least_hz`; the noise allows
+    `_noise_cutoff`. The smaller counts, but never less than PASS_FACTOR times the band, so that noise cannot
+    take the motion itself, nor more than an eighth of the sampling rate. All joints share one filter, so that
+    their dynamics stay coupled in phase.
     """
     rate = (len(t) - 1) / float(t[-1] - t[0])
     highest = NYQUIST_SHARE * rate / 2
@@ -140,8 +140,8 @@ def auto_cutoff(t: Array, q: Array) -> float:
     bands = _bands(spectrum)
     if not np.any(bands > 0):
         return highest
-    needed = min(BAND_FACTOR * float(bands.max()), highest)
-    return _noise_cutoff(spectrum, PASS_FACTOR / BAND_FACTOR * needed, needed)
+    lowest, needed = (min(factor * float(bands.max()), highest) for factor in (PASS_FACTOR, BAND_FACTOR))
+    return _noise_cutoff(spectrum, lowest, max(needed, min(least_hz, highest)))
 
 
 @dataclass(frozen=True)
