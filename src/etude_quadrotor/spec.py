@@ -34,6 +34,7 @@ class QuadrotorSpec:
             vehicles.
         attitude_gain, velocity_damping: P of its autopilot's attitude, 1/s, and D of its horizontal velocity.
             The values are PX4's own, MC_ROLL_P and MPC_XY_VEL_D_ACC; acceleration set-points allow for them.
+        damping_stated: the damping is not assumed: limits of the tilt need not hold without it.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that replaces the real one, or None.
         rotors: place and spin of each, in the order of the commands; (): four in an X, or unknown.
@@ -60,6 +61,7 @@ class QuadrotorSpec:
     descent: float = 1.5
     attitude_gain: float = 6.5
     velocity_damping: float = 0.2
+    damping_stated: bool = False
     vehicle: Vehicle | None = None
     plant: str | None = None
     rotors: tuple[Rotor, ...] = ()

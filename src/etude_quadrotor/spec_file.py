@@ -79,7 +79,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     climb: float = 3.0
     descent: float = 1.5
     attitude_gain: float = 6.5
-    velocity_damping: float = 0.2
+    velocity_damping: float | None = None
     radius: float | None = None
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
@@ -126,7 +126,10 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         climb=table.climb,
         descent=table.descent,
         attitude_gain=table.attitude_gain,
-        velocity_damping=table.velocity_damping,
+        velocity_damping=QuadrotorSpec.velocity_damping
+        if table.velocity_damping is None
+        else table.velocity_damping,
+        damping_stated=table.velocity_damping is not None,
         vehicle=vehicle,
         plant=table.plant,
         rotors=table.rotors,
@@ -367,7 +370,7 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         climb=spec.climb,
         descent=spec.descent,
         attitude_gain=spec.attitude_gain,
-        velocity_damping=spec.velocity_damping,
+        velocity_damping=spec.velocity_damping if spec.damping_stated else None,
         radius=spec.radius,
         tilt=spec.tilt,
         thrust=spec.thrust,

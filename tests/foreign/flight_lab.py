@@ -33,6 +33,8 @@ speed = 8.0
 margin = 1.0
 vertical_margin = 0.3
 """
+USUAL = "attitude_gain = 6.5\nvelocity_damping = 0.2\n"
+"""Lines of robot.toml that state PX4's defaults, which its cascade here has."""
 PROMPT = "attitude_gain = 1e6\nvelocity_damping = 0.0\n"
 """Lines of robot.toml for a controller that follows an attitude at once: rotorpy's SE(3)."""
 
@@ -74,7 +76,7 @@ def learned_lab(
 ) -> tuple[Path, list[Flight]]:
     """A campaign that has learned so many of its own proposals, flown with the set-points that it wrote."""
     lab, robot = folder / "lab", folder / "quad.toml"
-    robot.write_text(ROBOT + (PROMPT if issubclass(controller, Geometric) else ""))
+    robot.write_text(ROBOT + (PROMPT if issubclass(controller, Geometric) else USUAL))
     run("init", lab, "--robot", robot, "--seed", seed)
     if quick:
         text = (lab / "campaign.toml").read_text()

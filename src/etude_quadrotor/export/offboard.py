@@ -47,6 +47,8 @@ DRAG = ["drag_north", "drag_east", "drag_down"]
 """m/s^2: the part of the accelerations that compensates drag."""
 CASCADE = ["cascade_north", "cascade_east", "cascade_down"]
 """m/s^2: the part that compensates delay and damping of PX4's cascade."""
+STATED = "damping_stated"
+"""1: robot.toml states the damping. 0: it is assumed; vehicles without it keep the limit of the tilt, too."""
 GRAVITY = 9.80665
 """m/s^2, PX4's CONSTANTS_ONE_G (src/lib/geo/geo.h)."""
 GAINS = ((0.95, 1.8, 0.4, QuadrotorSpec.velocity_damping), (1.0, 4.0, 2.0, 0.0))
@@ -57,6 +59,10 @@ LAG = 1.0 / QuadrotorSpec.attitude_gain
 """s: time constant of the attitude, and so of the acceleration, with PX4's default MC_ROLL_P."""
 AFTER_S = 10.0
 """s after the last row in which the vehicle still converges."""
+UNSTATED = (
+    " Since velocity_damping is not stated, no set-point asks for more tilt than the limit: state "
+    "MPC_XY_VEL_D_ACC to use all of it."
+)
 HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
 
 
@@ -75,9 +81,10 @@ class Offboard:
         columns, header = list(orders), list(HEADER)
         if isinstance(what, MotionWithCommands) and what.acceleration is not None:
             drag, cascade = _additions(what, t, orders[2], still, spec)
-            cascade = _within_tilt(orders[2] + drag, cascade, what.tilt)
-            columns[2], header = orders[2] + drag + cascade, [*HEADER, *DRAG, *CASCADE]
-            columns += [drag, cascade]
+            if not spec.damping_stated:
+                cascade = _within_tilt(orders[2] + drag, cascade, what.tilt)
+            columns[2], header = orders[2] + drag + cascade, [*HEADER, *DRAG, *CASCADE, STATED]
+            columns += [drag, cascade, np.full((len(t), 1), float(spec.damping_stated))]
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
         lines.writerow(header)
@@ -110,15 +117,17 @@ class Offboard:
         return np.asarray(points[2] @ NED.T) if drag.any() else None
 
     def answered(self, files: Mapping[str, bytes]) -> Array | None:
-        """(3 K, 3) m/s^2 that PX4's cascade may make of them, so the vehicle tilts by these; None: the
-        motion's own. East, north, up.
+        """(T, 3) m/s^2 that PX4's cascade may make of them, so the vehicle tilts by these; None: the motion's
+        own. East, north, up.
 
-        First those that it is expected to make. Then those of a vehicle without that delay and damping, and
-        the same where its tilt ignores vertical acceleration.
+        First those that it is expected to make. Where its damping is assumed, also those of a vehicle without
+        that delay and damping, and the same where its tilt ignores vertical acceleration.
         """
         _, points, drag, cascade = _read(files)
         if not drag.any():
             return None
+        if _is_stated(files):
+            return np.asarray((points[2] - cascade) @ NED.T)
         decoupled = points[2] * [1.0, 1.0, 0.0]  # MPC_ACC_DECOUPLE: the tilt is that of no vertical part
         return np.asarray(np.concatenate([points[2] - cascade, points[2], decoupled]) @ NED.T)
 
@@ -160,7 +169,8 @@ class Offboard:
             "makes of the commands.",
             "Horizontal accelerations also allow for the delay and the damping of PX4's cascade, with up to "
             f"{np.linalg.norm(cascade, axis=1).max():.3g} m/s^2 in the columns cascade_*. They assume "
-            "attitude_gain and velocity_damping of robot.toml, which are PX4's defaults unless stated.",
+            "attitude_gain and velocity_damping of robot.toml, which are PX4's defaults unless stated."
+            + ("" if _is_stated(files) else UNSTATED),
             "If the learned drag is wrong by at most its full size, the vehicle may leave the plan by "
             f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, in addition to the tracking "
             "error, with PX4's default gains.",
@@ -190,7 +200,7 @@ def _additions(
 
 def _within_tilt(now: Array, cascade: Array, tilt: float) -> Array:
     """What is added for PX4's cascade (K, 3), reduced so that no set-point asks for more than this tilt: a
-    vehicle without the delay and the damping that robot.toml states keeps the limit, too.
+    vehicle without the delay and the damping that are assumed keeps the limit, too.
     """
     if not np.isfinite(tilt):
         return cascade
@@ -199,6 +209,12 @@ def _within_tilt(now: Array, cascade: Array, tilt: float) -> Array:
     size = np.maximum(np.hypot(asked[:, 0], asked[:, 1]), 1e-9)  # without any, nothing is reduced
     asked *= np.minimum(1.0, most / size)[:, None]
     return np.concatenate([asked - now[:, :2], cascade[:, 2:]], axis=1)
+
+
+def _is_stated(files: Mapping[str, bytes]) -> bool:
+    """Whether robot.toml stated the damping; so do files of before, which have no such column."""
+    header, first, *_ = csv.reader(io.StringIO(files[TABLE].decode()))
+    return STATED not in header or float(first[header.index(STATED)]) > 0.0
 
 
 def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array, Array]:

@@ -122,6 +122,8 @@ def test_no_vehicle_tilts_further_than_its_limit_whatever_its_damping() -> None:
     assert tilts(free).max() > 1.05 * tilt
     assert tilts(bound).max() <= tilt * (1.0 + 1e-6)
     assert np.abs(bound[:, 7:9] - free[:, 7:9]).max(axis=1).astype(bool).mean() < 0.5, "only where it must"
+    stated = OFFBOARD(replace(told(own), tilt=tilt), KIND, replace(SPEC, damping_stated=True))
+    np.testing.assert_array_equal(rows_of(stated)[:, :-1], free[:, :-1])
     possible = OFFBOARD.answered(files[1])
     assert possible is not None
     lean = np.arctan2(np.hypot(possible[:, 0], possible[:, 1]), G + possible[:, 2])
