@@ -217,3 +217,23 @@ def test_a_line_is_on_the_disk_before_success(tmp_path: Path, monkeypatch: pytes
     calls.clear()
     storage.append_line(tmp_path / "journal", "two")
     assert calls == written
+
+
+def test_files_of_the_user_in_a_replaced_folder_stay(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    storage.write_folder(folder, {"mark": b"1", "a.c": b"old", "sub/b.c": b"old"}, "mark")
+    elsewhere.write_bytes(b"theirs")
+    (folder / "main.c").write_bytes(b"mine")
+    (folder / "build").mkdir()
+    (folder / "build" / "out.o").write_bytes(b"mine")
+    (folder / "link").symlink_to(elsewhere)
+    storage.write_folder(folder, {"mark": b"2", "a.c": b"new"}, "mark", ("a.c", "sub/b.c"))
+    found = {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    assert found == {
+        "mark": b"2",
+        "a.c": b"new",
+        "main.c": b"mine",
+        "build/out.o": b"mine",
+        "link": b"theirs",
+    }
+    assert (folder / "link").is_symlink()

@@ -13,7 +13,7 @@ import os
 import shutil
 import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -63,11 +63,12 @@ def write_atomic(path: Path, data: bytes) -> None:
         raise _refused(path, error) from error
 
 
-def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
+def write_folder(folder: Path, files: Mapping[str, bytes], mark: str, replaced: Collection[str] = ()) -> None:
     """Writes files, by names that may hold folders, so that `folder` is there whole or not at all.
 
     Args:
         mark: name of the file that says what the folder is: one that holds it is replaced.
+        replaced: names of files that go, if they are not written again. All others stay: they are the user's.
 
     Raises:
         UsageError: there is something else of that name.
@@ -88,6 +89,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
             for name, data in files.items():
                 (new / name).parent.mkdir(parents=True, exist_ok=True)
                 _write_new(new / name, data)
+            _keep_others(folder, new, {*files, *replaced})
             if folder.exists():
                 os.replace(folder, old)
             os.replace(new, folder)
@@ -101,6 +103,16 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
         _sync_folder(folder.parent)
     except OSError as error:
         raise _refused(folder, error) from error
+
+
+def _keep_others(folder: Path, new: Path, known: Collection[str]) -> None:
+    """Copies the files of a folder whose names are not known; links stay links."""
+    others = [path for path in folder.rglob("*") if path.is_symlink() or path.is_file()]
+    for path in others:
+        name = path.relative_to(folder)
+        if name.as_posix() not in known and not (new / name).exists():
+            (new / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, new / name, follow_symlinks=False)
 
 
 def _may_replace(folder: Path, mark: str) -> bool:

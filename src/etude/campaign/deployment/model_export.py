@@ -167,7 +167,8 @@ def export(
     with part(1.0 - GATHERING):
         delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
-    write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
+    marked = {**delivered.files, MARK: _mark(to, used.sha256, delivered)}
+    write_folder(folder, marked, MARK, _files_of(folder))
     sentences = (used.sentence, *delivered.notes, *_recorded(campaign, to, folder, used.sha256))
     return ModelFiles(to, folder, tuple(delivered.files), sentences, delivered.facts)
 
@@ -181,6 +182,14 @@ def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[s
     except EtudeError as error:
         return (f"The journal could not record this export: {error.fact}.",)
     return ()
+
+
+def _files_of(folder: Path) -> tuple[str, ...]:
+    """Names of the files of an earlier export, as its mark states them; () if it states none."""
+    try:
+        return tuple(json.loads((folder / MARK).read_bytes())["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
 
 
 def _mark(to: str, digest: str, delivered: Delivered) -> bytes:
