@@ -46,8 +46,8 @@ class Ask(Common):
     axis."""
     format: tuple[str, ...] = ()
     """Also write the motion for the program that plays it: ros2, ros2_sqlite, ros2_yaml, ros2_csv, px4,
-    crazyflie, lerobot, or an exporter of another package. The motion is certified as its receiver
-    interpolates it."""
+    crazyflie, lerobot, urscript, urscript_cb, or an exporter of another package. The motion is certified as
+    its receiver interpolates it."""
     effort: bool = False
     """Add the learned command in the format's effort field, for controllers that use it (docs/exports.md)."""
     start: Annotated[str, tyro.conf.arg(name="from")] = ""

@@ -128,10 +128,17 @@ class LogQuestions:
         log = self.prepared(log)
         for step in self._decide_alone(log) if self.steps is None else self.steps(log):
             log = self._apply_step(log, step)
-        log = self._settle(log, lambda log: unit_findings(self.kind, self.spec, log))
+        units: list[Finding] = []
+
+        def judge_units(log: Log) -> Sequence[Finding]:
+            units[:] = unit_findings(self.kind, self.spec, log)
+            return units
+
+        log = self._settle(log, judge_units)
         by_file = file_findings_of(self.kind, self.spec, log, self.earlier())
         log = self._settle(log, lambda _: by_file)
-        return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
+        notes = [f"{f.sentence} {f.step}" for f in units if f.light == "yellow" and not f.flag]
+        return log.repaired(*notes, *(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
     def _decide_alone(self, log: Log) -> Sequence[Step]:
         return decided([log], {}, self.answers.to, *judge_of(self.kind, self.spec))[0]
