@@ -19,12 +19,12 @@ from etude.models.data.fit_data import Folds, Rows, rows_of, spaced_positions
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
+from etude.models.selection.noise_floor import with_process
 from etude.models.selection.structures import (
     LearnedStructure,
     alone,
     base_of,
     earlier_of,
-    with_process,
 )
 from etude.progress import counted
 from etude.types import Array, Index, Mask

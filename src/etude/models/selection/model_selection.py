@@ -39,6 +39,7 @@ from etude.models.selection.ensemble import (
     compared_samples,
 )
 from etude.models.selection.linear import LinearPhysics
+from etude.models.selection.noise_floor import with_process
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
 from etude.models.selection.stacking import left_out, stacks
 from etude.models.selection.structures import (
@@ -47,7 +48,6 @@ from etude.models.selection.structures import (
     base_of,
     earlier_of,
     rows_only,
-    with_process,
 )
 from etude.models.selection.width import LEAST_LOGS, widths
 from etude.models.student_t import StudentT, fit_student
