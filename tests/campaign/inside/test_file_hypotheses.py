@@ -177,6 +177,7 @@ def test_another_unit_of_one_command_is_asked_about_with_its_factor(
 
 def test_commands_that_are_all_half_of_the_files_are_learned_with_a_sentence(tmp_path: Path) -> None:
     """A torque constant that all drives share cannot be told from wrong masses; the user has to know."""
+    (tmp_path / "own").mkdir()
     lab = arm(tmp_path / "own")
     right = log_of(tmp_path / "right.csv", lab, friction=0.05)
     header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
