@@ -69,6 +69,7 @@ def _imbalance(engine: str, arm: ArmParameters) -> float:
     return float(np.abs(supplied - (stored[1:] - stored[0])).max() / scale)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ARMS)
 def test_power_balance_to_the_order_of_the_integrator(engine: str, name: str) -> None:
