@@ -97,8 +97,8 @@ def outside_error(path: Path, where: Path, command: str) -> UsageError:
     return UsageError(
         f"this leads out of its folder, to {path}",
         where=str(where),
-        next_step=f"Nothing was read there. If you trust the author of the folder: {command}. Otherwise, "
-        "copy that file into the folder and name the copy.",
+        next_step=f"Nothing was read or written there. If you trust the author of the folder: {command}. "
+        "Otherwise, copy what is there into the folder, in place of the link or under the name that is used.",
     )
 
 

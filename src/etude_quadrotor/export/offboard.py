@@ -60,8 +60,8 @@ LAG = 1.0 / QuadrotorSpec.attitude_gain
 AFTER_S = 10.0
 """s after the last row in which the vehicle still converges."""
 UNSTATED = (
-    " Since velocity_damping is not stated, no set-point asks for more tilt than the limit: state "
-    "MPC_XY_VEL_D_ACC to use all of it."
+    " Without a stated velocity_damping no set-point asks for more tilt than the limit. To use all of it, "
+    "state MPC_XY_VEL_D_ACC as velocity_damping in robot.toml."
 )
 HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
 
@@ -213,7 +213,7 @@ def _within_tilt(now: Array, cascade: Array, tilt: float) -> Array:
 
 def _is_stated(files: Mapping[str, bytes]) -> bool:
     """Whether robot.toml stated the damping; so do files of before, which have no such column."""
-    header, first, *_ = csv.reader(io.StringIO(files[TABLE].decode()))
+    header, first = csv.reader(files[TABLE].decode().split("\n", 2)[:2])
     return STATED not in header or float(first[header.index(STATED)]) > 0.0
 
 
