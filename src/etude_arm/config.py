@@ -18,7 +18,7 @@ class ArmData:
     Attributes:
         inputs: "measured" differentiates the filtered measured position; "desired" takes the desired motion
             (thesis). A logged velocity is not used, because its filter and phase are unknown.
-        cutoff_hz: zero-phase low-pass of position and command, Hz. "auto" is `logs.steps.auto_cutoff`, for
+        cutoff_hz: zero-phase low-pass of position and command, Hz. "auto" is `smoothing.auto_cutoff`, for
             forces up to 5 Hz as noise allows, or 5 or 10 Hz if that removes visible parts of the commands;
             "none" leaves both as measured.
         rate_hz: least number of samples per second, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary,

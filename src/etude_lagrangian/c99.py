@@ -27,7 +27,7 @@ def kernel_code(name: str, kernel: Any, theta: Array, Z: Array) -> Code:
 
 
 def joint_code(name: str, process: Any) -> Code:
-    """All commands of one energy, with their additions: a `process.JointProcess`."""
+    """All commands of one energy, with their additions: a `joint_process.JointProcess`."""
     J, n = len(process.commands), len(process.X)
     size = -(-n // BLOCK) * BLOCK
     Z = np.concatenate([process.X, np.tile(process.X[-1:], (size - n, 1))])

@@ -102,7 +102,7 @@ def fit_joint(
     steps: int,
     method: Any = "lbfgs",
 ) -> JointHyperparameters:
-    """The hyperparameters that explain the entries best, `steps` and `method` as `training.fit`.
+    """The hyperparameters that explain the entries best, `steps` and `method` as `hyperparameters.fit`.
 
     Raises:
         NumericalError: the likelihood is not finite at the start.

@@ -83,7 +83,7 @@ class Learner(Protocol):
 class Method(Protocol):
     """What the methods behind it owe; given finite values of the right shape, and later times only.
 
-    STATE_FIELDS names what `state.taken` copies.
+    STATE_FIELDS names what `learner_state.taken` copies.
     """
 
     STATE_FIELDS: tuple[str, ...]

@@ -24,7 +24,7 @@ ONLINE_STREAM = 5
 
 @dataclass(frozen=True)
 class OnlineLearning:
-    """Controllers that go on learning (implements `campaign.loop.Adaptation`)."""
+    """Controllers that go on learning (implements `campaign.simulation.Adaptation`)."""
 
     config: OnlineConfig
 

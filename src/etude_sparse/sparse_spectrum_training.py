@@ -88,7 +88,7 @@ def fit_sparse_spectrum(
     (`point_prior`), a held-out trajectory, or fixed points.
 
     Args:
-        method, steps: as `training.fit`.
+        method, steps: as `hyperparameters.fit`.
         prior: on theta and log_noise; "weak" for `weak_prior` of these data, or None.
         point_prior: maximum a posteriori for learned points, ω ~ N(0, ℓ^-2), with the lengths as they are:
             if they moved too, lengths and points would shrink together, the process the same, until nothing

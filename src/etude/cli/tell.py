@@ -77,7 +77,7 @@ class Tell(Common):
         if len(self.logs) == 1:
             result = tell(campaign, self.logs[0], number=self.number, **options)
             return Outcome(
-                "\n".join([*_lines(result), following]),
+                "\n".join([*_lines(result, self.folder), following]),
                 {**_data(result), "files": [_file(IngestedFile(self.logs[0], result))]},
                 code_of(changed=result.awaits_answer),
             )
@@ -92,10 +92,10 @@ class Tell(Common):
         held = any(file.ingested is not None and file.ingested.awaits_answer for file in many.files)
         code = code_of(changed=held, refused=bool(many.refused))
         after = [following] if any(file.ingested is not None for file in many.files) else []
-        return Outcome("\n".join([*_table(many), *after]), data, code)
+        return Outcome("\n".join([*_table(many, self.folder), *after]), data, code)
 
 
-def _lines(result: IngestResult) -> list[str]:
+def _lines(result: IngestResult, folder: Path) -> list[str]:
     if result.run:
         before = " was ingested before" if result.repeated else ""
         return [
@@ -105,12 +105,23 @@ def _lines(result: IngestResult) -> list[str]:
     what = "a log without a proposal" if result.foreign else "the log of that proposal"
     first = f"Log {result.number} ({what}) was ingested before." if result.repeated else ""
     lines = [first or f"Log {result.number} stored, {what}."]
+    lines += _kept_reading(result, folder)
     if result.repairs:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in result.repairs)]
     lines += [result.start] if result.start else []
     lines += _awaiting_answer(result)
     lines += [f"Log {result.number} is excluded from training."] if result.excluded else []
     return [*lines, *_learned(result.learned), *(f"Warning: {notice}" for notice in result.warnings)]
+
+
+def _kept_reading(result: IngestResult, folder: Path) -> list[str]:
+    """Of a repeated log: its repairs are those of the first reading, whatever campaign.toml says now."""
+    if not result.repeated or result.run:
+        return []
+    return [
+        "It was not read again. After a change of [log] in campaign.toml: "
+        f"etude untell {typed(folder)} {result.number}, then etude tell."
+    ]
 
 
 def _awaiting_answer(result: IngestResult) -> list[str]:
@@ -125,26 +136,30 @@ def _learned(numbers: tuple[int, ...]) -> list[str]:
     return [f"Learned: {', '.join(map(str, numbers))}."] if numbers else []
 
 
-def _table(many: IngestedMany) -> list[str]:
+def _table(many: IngestedMany, folder: Path) -> list[str]:
     width = max((len(file.path.name) for file in many.files), default=0)
     outcomes = ["refused" if file.ingested is None else file.sentence for file in many.files]
     rows = [f"{file.path.name.ljust(width)}  {one}" for file, one in zip(many.files, outcomes, strict=True)]
     warnings = [f"Warning: {notice}" for notice in many.warnings]
-    return [*rows, *_shared_sentences(many), *_learned(many.learned), *warnings]
+    return [*rows, *_shared_sentences(many, folder), *_learned(many.learned), *warnings]
 
 
-def _shared_sentences(many: IngestedMany) -> list[str]:
+def _shared_sentences(many: IngestedMany, folder: Path) -> list[str]:
     """Lines of further sentences; a sentence that several files share occurs once."""
     names: dict[str, list[str]] = {}
     for file in many.files:
-        for sentence in _sentences(file):
+        for sentence in _sentences(file, folder):
             names.setdefault(sentence, []).append(file.path.name)
     return [f"{_first_names(files)}: {sentence}" for sentence, files in names.items()]
 
 
-def _sentences(file: IngestedFile) -> list[str]:
+def _sentences(file: IngestedFile, folder: Path) -> list[str]:
     if file.ingested is not None:
-        return [*file.ingested.repairs, *_awaiting_answer(file.ingested)]
+        return [
+            *_kept_reading(file.ingested, folder),
+            *file.ingested.repairs,
+            *_awaiting_answer(file.ingested),
+        ]
     error = file.refused
     return [] if error is None else [f"{error.fact.rstrip('.')}. {error.next_step}".rstrip()]
 

@@ -78,7 +78,7 @@ class Posteriors:
 
     @property
     def rests(self) -> tuple[tuple[tuple[int, float], ...], ...]:
-        """Of each command the noise at rest that its latent variance holds, as `gp.rest.rests`."""
+        """Of each command the noise at rest that its latent variance holds, as `kernels.rests`."""
         return tuple(rests(p.kernel, p.theta) if isinstance(p, HasKernel) else () for p in self.own)
 
     @property

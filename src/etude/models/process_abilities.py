@@ -154,7 +154,7 @@ class SupportsSharedFactor(Protocol):
 
 @runtime_checkable
 class SupportsFactors(Protocol):
-    """A posterior whose covariances at inputs X (T, D) share factors, a `design.score.Batch`."""
+    """A posterior whose covariances at inputs X (T, D) share factors, a `criteria.Batch`."""
 
     def factors(self, X: Array) -> Any: ...
 

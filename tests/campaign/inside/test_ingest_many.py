@@ -226,3 +226,27 @@ def test_the_command_says_what_became_of_each(
     assert "run1.csv  ingested before, as 1\n" in capsys.readouterr().out
     assert main(["untell", str(campaign.path), "3"]) == 0
     assert main(["tell", str(campaign.path)]) == 2
+
+
+def test_a_corrected_factor_needs_the_log_anew(
+    campaign: Campaign, mixed: list[Path], capsys: Any, monkeypatch: Any
+) -> None:
+    """The repairs printed of a repeated log are those of its first reading, and the command says so."""
+    monkeypatch.setattr("etude.campaign.training.learn_log", stub_learner)
+    config, log = campaign.path / "campaign.toml", mixed[0]
+    header = next(name for name in log.read_text().splitlines()[0].split(",") if name.startswith("tau"))
+    without = config.read_text()
+
+    def told(factor: float, *others: Path) -> str:
+        config.write_text(f'{without}\n[log.columns]\n"{header}" = "{factor} * {header}"\n')
+        assert main(["tell", str(campaign.path), str(log), *map(str, others)]) == 0
+        return " ".join(capsys.readouterr().out.split())
+
+    step = f"It was not read again. After a change of [log] in campaign.toml: etude untell {campaign.path} 1,"
+    first = told(0.5)
+    assert f"0.5 * {header}" in first
+    assert step not in first
+    assert step in told(0.25)
+    assert f"run1.csv: {step}" in told(0.25, mixed[1])
+    assert main(["untell", str(campaign.path), "1"]) == 0
+    assert f"0.25 * {header}" in told(0.25)

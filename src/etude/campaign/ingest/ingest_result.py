@@ -31,7 +31,7 @@ class How(TypedDict, total=False):
         topics: topics of a file with several; none: those in campaign.toml.
         confirm: which run of a confirmation motion it is: "without" or "with" the feedforward; it is
             measured, but not used for training.
-        control: control of the run, see `campaign.controls`; "": the one that it was proposed for.
+        control: control of the run, see `record.controls`; "": the one that it was proposed for.
     """
 
     foreign: bool

@@ -92,7 +92,7 @@ class Asked(Constrained):
         seed: of its random numbers. learned: number of trainings before it.
         active_limits: pairs of axis and quantity.
         criterion, value, baseline_value, choice, deviation_before, deviation_after, evaluations, seconds:
-            of the design; see `design.chain`.
+            of the design; see `solve.Design`.
         confirm: a confirmation motion, run without and with the feedforward; no model learns from it.
         weighs: a motion to identify the load at the hand; no model learns from it.
         model_sha256: of the model that computes its feedforward. left_over, trained_speeds: see
@@ -260,7 +260,7 @@ class Trained(Fact):
         robot_seconds: recorded motion of all logs learned so far, s.
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
         warnings: notices of the training.
-        forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.
+        forecast_deviation, latent_deviation, noise_deviation, moved: see `training.with_forecast`.
         new_motion: scores of logs left out; None of a single one. held_out: scores on blocks of that.
         body: of the description, as `abilities.SupportsBody`; "" if the kind has none.
     """

@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
+from etude.deploy.exporters.knots import NANO, Knots, MovesJoints, knots_of
 from etude.deploy.feedforward import MotionWithCommands
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
@@ -39,7 +39,7 @@ SUFFIX = {"mcap": "mcap", "sqlite3": "db3"}
 
 
 @dataclass(frozen=True)
-class JointTrajectoryBag:
+class JointTrajectoryBag(MovesJoints):
     """A `protocols.Exporter`: a folder for `ros2 bag play`, with one message on TOPIC.
 
     Attributes:
@@ -68,10 +68,6 @@ class JointTrajectoryBag:
                 connection = writer.add_connection(TOPIC, MESSAGE, typestore=store)
                 writer.write(connection, 0, store.serialize_cdr(_message(knots, store.types), MESSAGE))
             return {f"{FOLDER}/{file.name}": file.read_bytes() for file in sorted(folder.iterdir())}
-
-    def require_robot(self, kind: Kind, spec: Any) -> None:
-        """UsageError: the robot has no joints."""
-        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that joint_trajectory_controller plays: quintics, cubics or lines.
@@ -136,7 +132,7 @@ ARGUMENT = 128 * 1024
 """Bytes that one argument of a command may have on Linux."""
 
 
-class JointTrajectoryYaml:
+class JointTrajectoryYaml(MovesJoints):
     """A `protocols.Exporter`: the message as one YAML document that is JSON below its comments."""
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
@@ -146,10 +142,6 @@ class JointTrajectoryYaml:
         self.require_robot(kind, spec)
         text = _document(knots_of(what, kind, spec, ORDERS))
         return {FILE: (_usage_comment(len(text)) + text).encode()}
-
-    def require_robot(self, kind: Kind, spec: Any) -> None:
-        """UsageError: the robot has no joints."""
-        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that joint_trajectory_controller plays."""
@@ -214,7 +206,7 @@ WORDS = ("position", "velocity", "acceleration")
 EFFORT = "effort"
 
 
-class CsvPlayer:
+class CsvPlayer(MovesJoints):
     """A `protocols.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
@@ -235,10 +227,6 @@ class CsvPlayer:
             [t, *map(repr, row)] for t, row in zip(knots.nanoseconds.tolist(), table.tolist(), strict=True)
         )
         return {TABLE: text.getvalue().encode(), PLAYER: player("etude.deploy.exporters", "play_points.py")}
-
-    def require_robot(self, kind: Kind, spec: Any) -> None:
-        """UsageError: the robot has no joints."""
-        require_joints(kind, spec, "a JointTrajectory")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The curve that the controller plays of the player's table."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -89,10 +89,19 @@ def names_of(kind: Kind, spec: Any) -> tuple[str, ...]:
     return next(c.parts for c in kind.channels(spec) if c.name == kind.path)
 
 
-def require_joints(kind: Kind, spec: Any, what: str) -> None:
-    """Raises UsageError if the robot's path is in space."""
-    if names_of(kind, spec) == SPACE:
-        raise UsageError(f"{what} moves joints, but the path of {spec.name!r} is x, y, z")
+class MovesJoints:
+    """Base of exporters for robots whose path is in joints.
+
+    Attributes:
+        written: the format, in the refusal's words.
+    """
+
+    written: ClassVar[str] = "a JointTrajectory"
+
+    def require_robot(self, kind: Kind, spec: Any) -> None:
+        """UsageError: the robot's path is in space."""
+        if names_of(kind, spec) == SPACE:
+            raise UsageError(f"{self.written} moves joints, but the path of {spec.name!r} is x, y, z")
 
 
 def require_space(kind: Kind, spec: Any, what: str) -> None:

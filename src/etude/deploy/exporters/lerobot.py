@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 
 from etude._runtime.rounding import whole_up
-from etude.deploy.exporters.knots import require_joints
+from etude.deploy.exporters.knots import MovesJoints
 from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
@@ -27,8 +27,10 @@ INFO, DATA = "meta/info.json", "data/chunk-000/file-000.parquet"
 SUFFIX = ".pos"
 
 
-class LerobotActions:
+class LerobotActions(MovesJoints):
     """A `protocols.Exporter`: meta/info.json and one data file."""
+
+    written = "LeRobot"
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files.
@@ -48,10 +50,6 @@ class LerobotActions:
         actions = (motion.motion(t, 1).orders[0] * _factor(path)).astype(np.float32)
         text = json.dumps(_info([p + SUFFIX for p in path.parts], path, spec, count, rate), indent=1) + "\n"
         return {INFO: text.encode(), DATA: _parquet(t, actions)}
-
-    def require_robot(self, kind: Kind, spec: Any) -> None:
-        """UsageError: the robot has no joints."""
-        require_joints(kind, spec, "LeRobot")
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """Lines between the actions, in rad or m."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.rounding import whole_up
-from etude.deploy.exporters.knots import SLOWEST, names_of, require_joints
+from etude.deploy.exporters.knots import SLOWEST, MovesJoints, names_of
 from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
@@ -84,13 +84,14 @@ end
 
 
 @dataclass(frozen=True)
-class UrScript:
+class UrScript(MovesJoints):
     """A `protocols.Exporter`: one program.
 
     Attributes:
         rate: targets per second: 500 for the e-Series, 125 for the CB series.
     """
 
+    written = "URScript"
     rate: float
 
     def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
@@ -126,7 +127,7 @@ class UrScript:
 
     def require_robot(self, kind: Kind, spec: Any) -> None:
         """UsageError: the robot does not have six revolute joints."""
-        require_joints(kind, spec, "URScript")
+        super().require_robot(kind, spec)
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         if len(path.parts) != JOINTS or set(path.units) != {"rad"}:
             raise UsageError(

@@ -43,7 +43,7 @@ class MotionWithLimits:
 
 @dataclass(frozen=True)
 class TrajectoryOptions:
-    """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
+    """motion: as `model_export.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
 
     motion: MotionWithLimits | None = None
     config: Any = None

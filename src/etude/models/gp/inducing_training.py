@@ -76,7 +76,7 @@ def fit_inducing(
 ) -> InducingGP:
     """Train hyperparameters, and the inducing inputs unless disabled, from those of `gp` (a warm start).
 
-    As `training.fit`, with FITC's likelihood or VFE's bound. Inducing inputs move in units of the half range
+    As `hyperparameters.fit`, with FITC's likelihood or VFE's bound. Inducing inputs move in units of the half range
     of each input, so that inputs in any unit train alike; a prior covers the hyperparameters alone.
 
     Raises:

@@ -49,7 +49,7 @@ def fit_shared(
 
     Args:
         gp: the first start; gives kernel and noise floor.
-        steps, method: as `training.fit`.
+        steps, method: as `hyperparameters.fit`.
         others: further starts, vectors like `gp.parameters`; the best end wins.
 
     Raises:

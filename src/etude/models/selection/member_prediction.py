@@ -78,7 +78,7 @@ def level_of(candidate: Candidate) -> Array:
 
 
 def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
-    """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
+    """Of each command the noise at rest that its variance holds, as `kernels.rests`; few members know any."""
     process = candidate.process
     assert process is not None
     rests = process.rests if isinstance(process, SupportsRestNoise) else ()

@@ -485,7 +485,7 @@ class CrossValidationResiduals:
     """Errors of n samples, NaN where a command was not predicted.
 
     Attributes:
-        rows: (n,) places among the samples in order (`rows.in_order`).
+        rows: (n,) places among the samples in order (`fit_data.in_order`).
         group: (n,) segment.
         error: (n, J) command less prediction, command units.
         variance: (n, J) predicted, noise and calibration included.
@@ -557,7 +557,7 @@ def _constant(selection: ModelSelection) -> Array:
 
 
 def read_residuals(path: Path) -> CrossValidationResiduals:
-    """What `LeftOut.to_bytes` wrote.
+    """What `CrossValidationResiduals.to_bytes` wrote.
 
     Raises:
         DataError: no such file, or a damaged one.
