@@ -99,12 +99,20 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
     prior, geometry = ArmPhysics(spec), ArmPhysics(spec, nominal=True).geometry
     (dry, viscous), turning = file_friction(spec), prior.friction_velocity
 
+    def friction(motion: Motion) -> Array:
+        qd = motion.orders[1]
+        return np.asarray(dry * np.tanh(qd / turning) + viscous * qd)
+
     def mean(motion: Motion) -> Array:
         q, qd, qdd = motion.orders[:3]
-        return nominal_commands(geometry, q, qd, qdd, dry * np.tanh(qd / turning) + viscous * qd)
+        return nominal_commands(geometry, q, qd, qdd, friction(motion))
 
     def deviation(motion: Motion) -> Array:
         return prior.deviation_before_logs(*motion.orders[:3])
+
+    def both(motion: Motion) -> tuple[Array, Array]:
+        q, qd, qdd = motion.orders[:3]
+        return prior.before_logs(q, qd, qdd, friction(motion))
 
     return CommandLimit(
         _quantity(spec),
@@ -116,6 +124,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
         deviation,
         NOMINAL,
         gaps=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
+        both=both,
         lasts=math.inf,
     )
 

@@ -53,7 +53,8 @@ STEP = 1e-4
 
 Answer = Callable[[Motion], Array]
 Both = Callable[[Motion], tuple[Array, Array]]
-
+Deviations = tuple[Array, Array]
+"""Instants (n,) and the deviations (n, J) there."""
 
 Instants = dict[float, Array]
 """Instants (m, r) of r failures, as fractions of the duration of motions that failed there; by that duration,
@@ -151,8 +152,9 @@ class CommandLimit:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether coarse samples keep the limit; for searches, whose result is proved afterwards."""
+        known = None
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
-            decided = self._coarse_check(piece)
+            decided, known = self._coarse_check(piece)
             if decided is not None:
                 return decided
         motion = self.along(piece, LOOK)
@@ -163,7 +165,8 @@ class CommandLimit:
             return False
         if np.any(room < 0.0) or self._clear(mean, piece.duration):  # the cheap mean alone already decides
             return self._check_excess(motion, -room, piece.duration)
-        return self._check_excess(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
+        spread = self.spread(motion, piece.duration, SELDOM, known)
+        return self._check_excess(motion, spread - room, piece.duration)
 
     def fails_again(self, piece: Trajectory) -> bool:
         """Whether a motion fails at instants at which `keeps` found the largest excess of earlier ones."""
@@ -210,9 +213,9 @@ class CommandLimit:
         spread = counted * np.maximum(deviation[left], deviation[right])
         return bool(np.any(off[around[2]] + spread + _curvature(mean[np.array(around)])[2] / 8.0 > half))
 
-    def _coarse_check(self, piece: Trajectory) -> bool | None:
-        """Decision from few samples: True if they use so little of each limit that the gaps cannot matter,
-        False if they exceed it, None if only finer samples can decide.
+    def _coarse_check(self, piece: Trajectory) -> tuple[bool | None, Deviations | None]:
+        """Decision from few samples, and the deviations there: True if they use so little of each limit that
+        the gaps cannot matter, False if they exceed it, None if only finer samples can decide.
         """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
@@ -220,12 +223,13 @@ class CommandLimit:
             mean, deviation = ask(motion)
             off = np.abs(mean - middle)
             if np.any(off > CLOSE * half):
-                return self._check_excess(motion, off - CLOSE * half, piece.duration, 0.0)
+                return self._check_excess(motion, off - CLOSE * half, piece.duration, 0.0), None
             most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
             if np.all(most <= AMPLE * half):
-                return True
+                return True, None
             excess = off + counted * deviation - CLOSE * half
-        return None if self._check_excess(motion, excess, piece.duration, 0.0) else False
+        undecided = self._check_excess(motion, excess, piece.duration, 0.0)
+        return (None, (motion.t, deviation)) if undecided else (False, None)
 
     def _moments(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""
@@ -313,14 +317,22 @@ class CommandLimit:
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
         return bool(np.all(np.abs(mean - middle) + self._counted(duration) * self.most <= CLOSE * half))
 
-    def spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
-        """(T, J) deviations times b, from samples every `apart` s; the larger of two neighbours counts."""
+    def spread(
+        self, motion: Motion, duration: float, apart: float = COARSE, known: Deviations | None = None
+    ) -> Array:
+        """(T, J) deviations times b, from samples every `apart` s; the larger of two neighbours counts.
+
+        known: instants and deviations there, taken if these are the samples.
+        """
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
         every = _every(motion, apart)
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
-        deviations = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
+        if known is not None and np.array_equal(known[0], motion.t[places]):
+            deviations = known[1]
+        else:
+            deviations = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
         left = np.minimum(
             np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
         )

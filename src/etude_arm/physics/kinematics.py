@@ -116,11 +116,12 @@ def _after_hinge(
     """The frame after a hinge: `axis` and `anchor` in the body's frame; joint values (n, 1)."""
     z, omega = frame.rotation @ axis, frame.omega
     spun = z * rate
-    there = frame.moved(frame.position + frame.rotation @ anchor)
+    offset = anchor.any()  # most hinges go through the origin of their body, which then stays where it is
+    there = frame.moved(frame.position + frame.rotation @ anchor) if offset else frame
     rotation = frame.rotation @ axis_rotation(axis, travel)
     alpha = frame.alpha + z * joint_acceleration + cross(omega, spun)
     turned = _Frame(rotation, there.position, there.velocity, there.acceleration, omega + spun, alpha)
-    return turned.moved(there.position - rotation @ anchor)
+    return turned.moved(there.position - rotation @ anchor) if offset else turned
 
 
 def _after_slide(

@@ -27,7 +27,9 @@ from etude_arm.physics.identification import (
     shared_directions,
     steady,
 )
-from etude_arm.physics.kinematics import KinematicTree
+from etude_arm.physics.kinematics import KinematicTree, body_motion
+from etude_arm.physics.newton_euler import joint_forces
+from etude_arm.physics.regressor import regressor_of_motion
 from etude_arm.physics.rigid_body import (
     EXTRA_TERMS,
     Regressors,
@@ -39,7 +41,7 @@ from etude_arm.physics.rigid_body import (
     rigid_regressors,
     waves,
 )
-from etude_arm.physics.transmission import Drive, DriveMotion, Geometry
+from etude_arm.physics.transmission import Drive, DriveMotion, Geometry, drive_motion
 from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
 
 FRICTION_FRACTION = 0.02
@@ -261,6 +263,19 @@ class ArmPhysics:
         assert self._shared is not None
         rigid, _ = command_regressors(*self._body, q, qd, qdd)
         return deviation_before_logs(rigid, self._shared, self.spec.command)
+
+    def before_logs(self, q: Array, qd: Array, qdd: Array, friction: Array) -> tuple[Array, Array]:
+        """(n, J) forces of the file's masses and of that friction (n, J) of the joints, and their deviations.
+
+        One motion of the bodies serves both: it takes a third of either.
+        """
+        assert self._shared is not None
+        tree, drives, _ = self._body
+        motion = body_motion(tree, q, qd, qdd)
+        drive = drive_motion(tree, drives, motion, qd, qdd)
+        rigid = drive.to_drive(regressor_of_motion(tree, motion))
+        mean = drive.to_drive(joint_forces(tree, motion) + friction)
+        return mean, deviation_before_logs(rigid, self._shared, self.spec.command)
 
     def _with_friction_speeds(self, samples: Samples) -> ArmPhysics:
         """This physics, or a copy with the friction velocities of the samples."""

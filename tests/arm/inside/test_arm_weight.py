@@ -296,6 +296,11 @@ def test_friction_of_the_file_is_in_the_limit_before_the_first_log(tmp_path: Pat
         speeds = np.array([[-1.0], [0.0], [1.0]])
         commands.append(limit.mean(Motion(np.zeros(3), np.stack([level, speeds, level, level])))[:, 0])
         assert any("friction are those of the model file" in line for line in limit.gaps)
+        motion = Motion(np.zeros(3), np.random.default_rng(3).normal(size=(3, 3, 1)))
+        assert limit.both is not None
+        assert limit.deviation is not None
+        for one, other in zip(limit.both(motion), (limit.mean(motion), limit.deviation(motion)), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
     assert commands[0][2] - commands[0][0] == pytest.approx(2.0 * 7.0)
     np.testing.assert_allclose(commands[1] - commands[0], [-5.0, 0.0, 5.0], atol=1e-9)
     np.testing.assert_allclose(commands[2], commands[0], atol=1e-12)

@@ -13,7 +13,18 @@ import pytest
 from etude.errors import UsageError
 from etude.limits import CommandLimit, certify, slack
 from etude.limits.certificate import COMMANDS
-from etude.limits.commands import AMPLE, CLOSE, COARSE, FEW, SPACING, OpenCommands, by_model, kept_at
+from etude.limits.commands import (
+    AMPLE,
+    CLOSE,
+    COARSE,
+    FEW,
+    LOOK,
+    SELDOM,
+    SPACING,
+    OpenCommands,
+    by_model,
+    kept_at,
+)
 from etude.trajectories import FourierTrajectory, Splined
 from etude.types import Array, Motion
 
@@ -179,6 +190,30 @@ def test_a_first_look_passes_only_what_is_far_inside() -> None:
     asked.clear()
     assert short.keeps(SWING)
     assert not asked, "a short motion has no more samples than the first look"
+
+
+def test_a_closer_look_takes_the_deviations_of_the_first_one() -> None:
+    """At 15 s both look every .2 s. Deviations of neighbours differ, so others would change verdicts."""
+    asked: list[int] = []
+
+    def deviation(motion: Motion) -> Array:
+        asked.append(len(motion.t))
+        return np.repeat(0.05 + 0.02 * np.cos(40.0 * motion.t)[:, None], 2, axis=1)
+
+    own = replace(LIMIT, deviation=deviation, both=lambda m: (pendulum(m), deviation(m)), _proofs={})
+    piece, verdicts = SWING.slowed(15.0 / SWING.duration), []
+    looked = own.along(piece, LOOK)
+    most = np.abs(pendulum(looked)) + own.spread(looked, 15.0, SELDOM)
+    for part in (0.995, 0.999, 1.001, 1.005, 1.1):
+        end = part * np.full(2, most.max()) / CLOSE
+        asked.clear()
+        verdicts.append(replace(own, upper=end, lower=-end, _witness={}).keeps(piece))
+        assert asked == [FEW + 1], "once"
+    assert verdicts == [False, False, True, True, True]
+    longer = SWING.slowed(20.0 / SWING.duration)
+    asked.clear()
+    assert replace(own, upper=end, lower=-end, _witness={}).keeps(longer)
+    assert len(asked) == 2, "other instants are asked anew"
 
 
 def test_a_search_asks_for_deviations_only_where_the_most_of_them_would_be_too_much() -> None:
