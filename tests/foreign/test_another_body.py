@@ -90,6 +90,10 @@ def test_torques_are_those_of_the_new_body(learned: Path, tmp_path: Path, text: 
     assert "--changed new" in refused.value.next_step
     with pytest.raises(UsageError, match="is of another robot"):
         ask_to_confirm(open_campaign(lab))
+    for target in ("c", "urdf"):
+        with pytest.raises(UsageError, match="is of another robot"):
+            etude.export(open_campaign(lab), target)
+    assert not (lab / "exports").exists()
 
 
 def test_other_edits_change_nothing(learned: Path, tmp_path: Path) -> None:

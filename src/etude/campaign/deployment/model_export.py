@@ -15,7 +15,7 @@ from etude.abilities import SupportsNeeds
 from etude.campaign.deployment.motion_files import TABLES, is_plan, motion_of_table
 from etude.campaign.propose.constraints import constraints_now, constraints_under
 from etude.campaign.record.controls import LEARNED
-from etude.campaign.record.deployed_model import deployed_model
+from etude.campaign.record.deployed_model import model_to_command
 from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
@@ -155,12 +155,13 @@ def export(
         options: of the target, named as those of the command with _ for -.
 
     Raises:
-        UsageError: nothing learned yet, no such target, an unknown option, a model that it cannot export, or
-            a folder with other contents. EtudeError: the folder cannot be written.
+        UsageError: nothing learned yet, a model of another robot than robot.toml describes now, no such
+            target, an unknown option, a model that it cannot export, or a folder with other contents.
+            EtudeError: the folder cannot be written.
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     target: Target = plugins.load(GROUP, to)
-    used = deployed_model(campaign)
+    used = model_to_command(campaign)
     with part(GATHERING):
         needed = supplied(campaign, target.needs if isinstance(target, SupportsNeeds) else (), options)
     options |= {**needed, MODEL_HASH: used.sha256}

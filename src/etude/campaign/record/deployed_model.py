@@ -64,12 +64,12 @@ def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedMo
 
 
 def model_to_command(campaign: Campaign, state: State | None = None) -> DeployedModel:
-    """The deployed model, for commands that are sent with a motion. UsageError: it was learned of another
-    body.
+    """The deployed model, for what commands the robot: set-points with commands, and exports. UsageError: it
+    was learned of another body.
     """
     used = deployed_model(campaign, state)
     if other := of_another_body(campaign, used.number):
-        raise UsageError("the model for the commands is of another robot", next_step=other.strip())
+        raise UsageError("the model is of another robot", next_step=other.strip())
     return used
 
 
