@@ -534,7 +534,7 @@ class SupportsPlacement(Protocol):
 
 @runtime_checkable
 class SupportsNeeds(Protocol):
-    """Target, names of `model_export.supplied` that become options; Criterion: "reference" or "identified"."""
+    """Target, names of `model_export.supplied` that become options; Criterion: "reference", "identified"."""
 
     @property
     def needs(self) -> str | Sequence[str]: ...

@@ -58,6 +58,7 @@ class OfFile(StrEnum):
     CHANGED = "file_changed"
     UNREADABLE = "file_unreadable"
     EDITED = "file_edited"
+    EXPORT_EDITED = "export_edited"
     PROVED_BEFORE = "proved_before"
 
 
@@ -119,6 +120,7 @@ class NextStep(StrEnum):
     ASK_AGAIN = "ask_again"
     GIVE_UP = "give_up"
     TAKE_UP = "take_up"
+    EXPORT_AGAIN = "export_again"
     TELL_ANOTHER = "tell_another"
     TELL_MOVING = "tell_moving"
     TELL_FASTER = "tell_faster"
@@ -169,6 +171,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     OfFile.CHANGED: "{file} was changed after Étude stored it",
     OfFile.UNREADABLE: "{file} cannot be read ({why})",
     OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
+    OfFile.EXPORT_EDITED: "{file} was changed after the export, and may not be the model's",
     OfFile.PROVED_BEFORE: "{file} was certified before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "no decision against {against}: {segments:|segment|segments} that neither model was "
@@ -224,6 +227,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     NextStep.GIVE_UP: "Do not run it; abandon it: etude abandon {folder:typed} {number}",
     NextStep.TAKE_UP: "The next ask or tell reads the edited file; ask also certifies an open motion "
     "again: etude ask {folder:typed}",
+    NextStep.EXPORT_AGAIN: "Write it again: etude export {folder:typed} --to {target}{output}",
     NextStep.TELL_ANOTHER: "Ingest another one.",
     NextStep.TELL_MOVING: "Ingest another log that moves it.",
     NextStep.TELL_FASTER: "Ingest a log of faster motion.",

@@ -49,6 +49,17 @@ def test_noise_is_told_from_a_fast_error() -> None:
     assert 3.0 < largest_errors(noisy, long, "q")["moves"][1].max() / deviation < 5.5
 
 
+def test_an_acceleration_that_noise_hides_is_not_known() -> None:
+    """3 mm of noise on positions are 1.6 m/s^2 behind the lowest cutoff, whatever the vehicle did."""
+    long, rng = PointToPoint(np.array([[0.0, 0.0], [1.0, -1.0]]), 0.1, 0.0), np.random.default_rng(0)
+    w = 2.0 * np.pi * 0.5
+    noisy = log_of(long, lambda t: np.sin(w * t)[:, None] * [0.03, 3.0] + 3e-3 * rng.normal(size=(len(t), 2)))
+    hidden, known = largest_errors(noisy, long, "q")["moves"][2]
+    assert np.isnan(hidden)
+    assert known == pytest.approx(3.0 * w * w, rel=0.1)
+    assert np.isfinite(largest_errors(noisy, long, "q")["moves"][:2]).all()
+
+
 def test_the_pieces_of_a_chain_count_as_their_own_forms() -> None:
     segment = FourierTrajectory(np.zeros((3, 2)), 1.0, 4.0)
     first = PointToPoint(np.array([[1.0, 1.0], [0.0, 0.0]]), 0.5, 0.0)

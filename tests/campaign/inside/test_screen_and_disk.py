@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude import ask, cli, plugins, predict, promote, status, tell
+from etude import ask, cli, export, plugins, predict, promote, status, tell
 from etude.campaign import Campaign, Proposal, create_campaign, open_campaign, read_events
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.record.journal import damaged_files
@@ -394,6 +394,24 @@ def _told_again(copy: Path) -> None:
     words = [word for answer in ANSWERS for word in ("--accept", answer)]
     command = ["tell", str(copy), str(copy.parent / "log2.csv"), *words]
     assert cli.main(command) == 0
+
+
+def test_an_edited_export_is_named_until_it_is_written_again(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for output, words in ((None, ""), (tmp_path / "elsewhere", f" --output {tmp_path / 'elsewhere'}")):
+        folder = export(copy, "c", output, name="arm").folder
+        (folder / "main.c").write_text("int main(void) { return 0; }\n")
+        assert status(open_campaign(copy))["edited"] == [], "a file of the user's own"
+        _edit(folder / "arm.h", r"\A", "/* by hand */\n")
+        (notice,) = status(open_campaign(copy))["edited"]
+        assert notice["code"] == OfFile.EXPORT_EDITED
+        assert notice["sentence"].startswith(f"{folder / 'arm.h'} was changed")
+        assert notice["step"] == f"Write it again: etude export {copy} --to c{words}"
+        assert cli.main(["status", str(copy)]) == 0
+        assert f"Edited: {notice['sentence']}" in capsys.readouterr().out
+        export(copy, "c", output, name="arm")
+        assert status(open_campaign(copy))["edited"] == []
 
 
 REMARK = ("robot.toml", r"\A", "# by hand\n")

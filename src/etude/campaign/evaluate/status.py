@@ -35,7 +35,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
       with code, what, path, command. proved_otherwise: open proposals proved under another robot.toml or
       campaign.toml.
     * verdict: of the stop rule. edited: which of robot.toml and campaign.toml were edited since `ask` or
-      `tell` read them.
+      `tell` read them, and files of exported models that were.
     """
     events = campaign.events()
     state = campaign.state()

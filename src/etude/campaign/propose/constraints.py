@@ -338,7 +338,13 @@ def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> li
     last = [table[ACCELERATION] for table in errors[-LOGS_CONSIDERED:] if len(table) > ACCELERATION]
     if not last:
         return []
-    units = campaign.channel(campaign.kind.path).units
-    most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
-    text = ", ".join(f"up to {value:.3g} {unit}/s^2 ({axis})" for axis, value, unit in most)
-    return [f"Acceleration: tracking exceeded the plan in {IN_WORDS.get(form, form)} by {text}."]
+    units, where = campaign.channel(campaign.kind.path).units, IN_WORDS.get(form, form)
+    rows = list(zip(campaign.axes, np.fmax.reduce(last).tolist(), units, strict=True))
+    known = [f"up to {value:.3g} {unit}/s^2 ({axis})" for axis, value, unit in rows if value == value]
+    hidden = [axis for axis, value, _ in rows if value != value]
+    beyond = f"Acceleration: tracking exceeded the plan in {where} by {', '.join(known)}."
+    noisy = (
+        "Acceleration: the noise of logged positions hides by how much tracking exceeded the plan in "
+        f"{where}: {', '.join(hidden)}."
+    )
+    return [sentence for sentence, some in ((beyond, known), (noisy, hidden)) if some]

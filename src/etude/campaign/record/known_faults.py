@@ -11,13 +11,12 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from etude.abilities import SupportsKnownFaults
 from etude.campaign.record.events import Asked, Event, Exported, Promoted, Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.campaign.record.stored_files import EXPORTS, MARK
+from etude.campaign.record.stored_files import EXPORTS, exported_models
 from etude.errors import EtudeError, UsageError, typed
 
 
@@ -170,7 +169,7 @@ def _is_held(campaign: Campaign, numbers: Sequence[int]) -> bool:
 
 def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
     """Exported models: those in exports/ by their mark, others by the journal."""
-    for place, mark in _exported_models(campaign):
+    for place, mark in exported_models(campaign):
         generation, target = int(mark.get("generation", 1)), str(mark.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
@@ -180,22 +179,6 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
                 yield Affected(code, f"the model for {target}", str(where), again)
         if generation < FAULTS[CLAMPED].mended and target in TARGETS:
             yield Affected(CLAMPED, f"the model for {target}", str(where), again)
-
-
-def _exported_models(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
-    elsewhere = {
-        Path(e.fact.place)
-        for e in campaign.events()
-        if isinstance(e.fact, Exported) and e.number is None and e.fact.place
-    }
-    inside = [mark.parent for mark in sorted(campaign.path.glob(f"{EXPORTS}/*/{MARK}"))]
-    for place in dict.fromkeys([*inside, *sorted(elsewhere)]):
-        try:
-            contents = json.loads((place / MARK).read_bytes())
-        except (OSError, ValueError):
-            continue  # it went to the robot, or was deleted
-        if isinstance(contents, dict):
-            yield place, contents
 
 
 def _of_robot(event: Event, codes: Sequence[str]) -> list[str]:

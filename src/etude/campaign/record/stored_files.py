@@ -12,11 +12,13 @@ commit an event of the edit if they commit nothing else.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.events import (
@@ -35,7 +37,7 @@ from etude.campaign.record.journal import recorded, require_intact
 from etude.codes import NextStep, Notice, OfFile
 from etude.errors import UsageError, typed
 from etude.protocols import Trajectory
-from etude.storage import GENERATION, unreadable, write_atomic
+from etude.storage import GENERATION, sha256_of, unreadable, write_atomic
 
 MARK = "etude-export.json"
 """Says what the folder is: one that holds it may be replaced by the next export."""
@@ -255,12 +257,45 @@ TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 
 
 def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
-    """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it."""
+    """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it, and for
+    each file of an exported model that was.
+    """
     notices = []
     for name, (then, when) in _last_hashes(events).items():
         if then not in ("", _current_hashes(campaign)[name]):
             fields = {"file": name, "when": _format_time(when), "folder": str(campaign.path)}
             notices.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
+    return [*notices, *_edited_exports(campaign)]
+
+
+def exported_models(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Folders of exported models that are still there, with their marks: in exports/, or by the journal."""
+    elsewhere = {
+        Path(e.fact.place)
+        for e in campaign.events()
+        if isinstance(e.fact, Exported) and e.number is None and e.fact.place
+    }
+    inside = [mark.parent for mark in sorted(campaign.path.glob(f"{EXPORTS}/*/{MARK}"))]
+    for place in dict.fromkeys([*inside, *sorted(elsewhere)]):
+        try:
+            contents = json.loads((place / MARK).read_bytes())
+        except (OSError, ValueError):
+            continue  # it went to the robot, or was deleted
+        if isinstance(contents, dict):
+            yield place, contents
+
+
+def _edited_exports(campaign: Campaign) -> list[Notice]:
+    """A notice for each file of an exported model that has other contents now."""
+    notices = []
+    for place, mark in exported_models(campaign):
+        files, target = mark.get("files"), str(mark.get("target", ""))
+        output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
+        for name, digest in files.items() if isinstance(files, dict) else ():
+            if (place / name).is_file() and sha256_of(place / name) != digest:
+                fields = {"file": str(place / name), "folder": str(campaign.path)}
+                fields |= {"target": target, "output": output}
+                notices.append(Notice(OfFile.EXPORT_EDITED, fields, NextStep.EXPORT_AGAIN))
     return notices
 
 

@@ -29,7 +29,11 @@ NOISY = 0.1
 """Largest noise, of `PEAKS` deviations, as a part of the largest rate."""
 PEAKS = 4.0  # deviations: one sample in 16,000 of normal noise is beyond
 PASSED = 0.2777
-"""Integral of x^2/(1 + x^4)^2 over x > 0: white noise that is differentiated behind the filter."""
+"""Integral of x^2/(1 + x^4)^2 over x > 0: white noise that is differentiated behind the filter. That of
+x^4/(1 + x^4)^2, for the second derivative, is the same.
+"""
+HIDDEN = 0.5
+"""Noise, of `PEAKS` deviations, as a part of the largest acceleration, beyond which it is not known."""
 ORDERS = 3
 """Position, velocity, acceleration."""
 LEAST_ROWS = 8
@@ -63,7 +67,8 @@ class Start:
 @dataclass(frozen=True, eq=False)
 class Tracked:
     """By form of motion (ORDERS, k) the largest |measured - planned| of position, velocity, acceleration, and
-    the start transient that is not in them; None where there is none.
+    the start transient that is not in them; None where there is none. An acceleration that the noise of
+    positions hides is NaN.
     """
 
     errors: dict[str, Array]
@@ -136,16 +141,28 @@ def _orders(t: Array, error: Array) -> Array:
     values = resample(t, error, grid)
     # half of the Nyquist frequency at most: a filter needs room above its cutoff
     gentle = min(LEAST_HZ, 0.25 * rate)
-    rates = np.abs(smooth(grid, values, gentle).first).max(axis=0)
-    cutoffs = np.clip(_allowed(rates, noise_deviation(grid, values), rate), gentle, None)
-    parts = [smooth(grid, values[:, [j]], cutoff) for j, cutoff in enumerate(cutoffs.tolist())]
-    first, second = (np.hstack([getattr(part, name) for part in parts]) for name in ("first", "second"))
+    noise, coarse = noise_deviation(grid, values), smooth(grid, values, gentle)
+    sizes = [np.abs(part).max(axis=0) for part in (coarse.first, coarse.second)]
+    cutoffs = [np.maximum(_allowed(size, noise, rate, k), gentle) for k, size in enumerate(sizes, 1)]
+    first, second = (
+        np.column_stack(
+            [getattr(smooth(grid, values[:, [j]], hz), name) for j, hz in enumerate(own.tolist())]
+        )
+        for own, name in zip((cutoffs[0], np.minimum(*cutoffs)), ("first", "second"), strict=True)
+    )
+    second[:, PEAKS * _left(noise, gentle, rate, 2) > HIDDEN * sizes[1]] = np.nan
     inside = (grid >= grid[0] + 1.0 / gentle) & (grid <= grid[-1] - 1.0 / gentle)  # the filter's edges ring
     return np.stack([error, *(resample(grid, inside[:, None] * part, t) for part in (first, second))])
 
 
-def _allowed(rates: Array, noise: Array, rate: float) -> Array:
-    """(k,) Hz up to which noise stays below its part of the largest rates (k,), at most rate/8."""
+def _left(noise: Array, cutoff: float, rate: float, order: int) -> Array:
+    """(k,) deviations of the derivative of white noise (k,) behind the filter."""
+    deviation = (2.0 * np.pi) ** order * noise * np.sqrt(2.0 * PASSED * cutoff ** (2 * order + 1) / rate)
+    return np.asarray(deviation)
+
+
+def _allowed(largest: Array, noise: Array, rate: float, order: int) -> Array:
+    """(k,) Hz up to which noise stays below its part of the largest derivatives (k,), at most rate/8."""
     most = 0.5 * NYQUIST_SHARE * rate
-    deviation = 2.0 * np.pi * np.maximum(noise, np.finfo(float).tiny) * PEAKS
-    return np.minimum(np.cbrt((NOISY * rates / deviation) ** 2 * rate / (2.0 * PASSED)), most)
+    at_one_hz = PEAKS * _left(np.maximum(noise, np.finfo(float).tiny), 1.0, rate, order)
+    return np.minimum((NOISY * largest / at_one_hz) ** (2.0 / (2 * order + 1)), most)

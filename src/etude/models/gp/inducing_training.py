@@ -76,8 +76,8 @@ def fit_inducing(
 ) -> InducingGP:
     """Train hyperparameters, and the inducing inputs unless disabled, from those of `gp` (a warm start).
 
-    As `hyperparameters.fit`, with FITC's likelihood or VFE's bound. Inducing inputs move in units of the half range
-    of each input, so that inputs in any unit train alike; a prior covers the hyperparameters alone.
+    As `hyperparameters.fit`, with FITC's likelihood or VFE's bound. Inducing inputs move in units of the half
+    range of each input, so that inputs in any unit train alike; a prior covers the hyperparameters alone.
 
     Raises:
         DataError: unusable X (n, D) or y (n,), or (n, m) for outputs that share all. UsageError: unknown
