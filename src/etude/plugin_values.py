@@ -73,6 +73,11 @@ def guarded(value: Any, part: str, name: str, sizes: Callable[[Any], Sizes] | No
     return guard
 
 
+def is_guarded(value: object) -> bool:
+    """Whether this is a plug-in's object, as `guarded` gives it."""
+    return issubclass(type(value), _Guarded)
+
+
 class _Guarded:
     """Stands before a plug-in's object; the members that its protocols declare are added to a subclass."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
@@ -68,7 +68,7 @@ LOAD = "Loads that the robot file does not describe."
 ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
 """Topics that count as not verified unless a limit covers them."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
-"""Quantities with a margin for tracking. Clearance states its own allowance for tracking."""
+"""Quantities with a margin for tracking, beside those of plug-ins. Clearance states its own allowance."""
 
 
 def not_verified(
@@ -78,6 +78,7 @@ def not_verified(
     unenforced: Sequence[str] = (),
     *,
     approach: bool = False,
+    held: Collection[str] = HELD,
 ) -> tuple[str, ...]:
     """Sentences on what one certificate does not verify.
 
@@ -88,9 +89,10 @@ def not_verified(
         rows: proofs of the limits; some include a margin for tracking.
         unenforced: sentences on further limits that the robot is known not to enforce.
         approach: whether the trajectory is itself an approach or a return.
+        held: quantities with a margin for tracking.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
-    gaps = {TRACKING: _of_tracking(rows)}
+    gaps = {TRACKING: _of_tracking(rows, held)}
     for limit in limits:
         if isinstance(limit, SupportsCoverage):
             for topic in limit.looks_at:
@@ -113,9 +115,9 @@ def _of_rows(rows: Sequence[Proof]) -> tuple[str, ...]:
     )
 
 
-def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
+def _of_tracking(rows: Sequence[Proof], held: Collection[str]) -> tuple[str, ...]:
     """Sentences on the quantities whose tracking margin is missing or assumed; () if all were measured."""
-    tracked_rows = [row for row in rows if row.quantity in HELD and row.status != "not verified"]
+    tracked_rows = [row for row in rows if row.quantity in held and row.status != "not verified"]
     without = list(dict.fromkeys(row.quantity for row in tracked_rows if row.tracking_margin == 0.0))
     assumed = list(
         dict.fromkeys(
@@ -263,8 +265,10 @@ def certify(
         control: the control that the tracking margins apply to, in words; "": unknown.
         partial: a limit that can prove nothing for this curve gets a row "not verified", not a UsageError.
     """
+    from etude.plugin_values import is_guarded  # it reads all protocols, which a saved certificate needs not
+
     proofs: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
-    pieces = trajectory.pieces()
+    pieces, held = trajectory.pieces(), set(HELD)
     for start, label, piece in pieces:
         where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
         for limit in limits:
@@ -273,12 +277,13 @@ def certify(
                 of = control if row.tracking_margin > 0.0 else ""
                 row = replace(row, where=" of the ".join(filter(None, (row.where, where))), control=of)
                 proofs[key] = _joined(proofs[key], row) if key in proofs else row
+                held |= {row.quantity} if is_guarded(limit) else set()
     axes = list(dict.fromkeys(key[0] for key in proofs))
     rows = tuple(row for axis in axes for key, row in proofs.items() if key[0] == axis)
     needs_rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
     ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if needs_rest else max(ends[0][0], ends[-1][1])
-    unverified = not_verified(trajectory, limits, rows, unenforced, approach=approach)
+    unverified = not_verified(trajectory, limits, rows, unenforced, approach=approach, held=held)
     return Certificate(rows, end_speed, needs_rest, unverified, _warnings(trajectory, limits))
 
 

@@ -19,12 +19,12 @@ from etude import cli
 from etude._runtime.trusted_folders import trust_file
 from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
-from etude.limits import LipschitzLimit, made_limits, utilization
+from etude.limits import AxisLimit, LipschitzLimit, certify, made_limits, utilization
 from etude.limits.lipschitz import extremes
 from etude.plugins import _typed_names
 from etude.protocols import Limit, Trajectory
 from etude.testing import LimitSuite
-from etude.trajectories import FourierConfig, FourierFamily
+from etude.trajectories import FourierConfig, FourierFamily, PointToPoint
 from etude.types import Proof
 from etude_arm import KIND as ARM
 from etude_quadrotor import KIND as QUADROTOR
@@ -238,6 +238,19 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     page = Path("lab/report.html").read_text()
     assert ">plane</text>" in page
     assert "proved height" in page
+
+
+def test_a_limit_of_ones_own_without_a_tracking_margin_is_named(place) -> None:
+    """In the certificate: a limit that ignores its argument `margins` is met by the plan alone."""
+    spec = etude.load_robot(str(place / "arm.toml"), trust=True)
+    margins = {form: (np.full((2, spec.dof), 0.01), np.ones((2, spec.dof))) for form in ("fourier", "moves")}
+    (own,) = made_limits(spec.limits, spec, None, margins)
+    (careless,) = made_limits(spec.limits, spec, None, {})
+    motion = PointToPoint(np.zeros((2, spec.dof)), 1.0)
+    range_ = AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins)
+    named = "The tracking error of height."
+    assert named not in certify(motion, [range_, own]).not_verified
+    assert named in certify(motion, [range_, careless]).not_verified
 
 
 def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> None:
