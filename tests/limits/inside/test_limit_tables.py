@@ -87,6 +87,23 @@ def silent(spec, model, margins):
     return Silent()
 
 
+class Rest(Fails):
+    name = "speed sum"
+
+    def of_motion(self, motion):
+        return np.abs(motion.orders[1]).sum(axis=1)[:, None]
+
+    def prove(self, piece):
+        from etude.types import Proof
+
+        most = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, 500), 2)).max()
+        return [Proof("all", "speed sum", -np.inf, 0.0, 0.0, most, "samples", "sampled", 0.4, 0.0)]
+
+
+def rest(spec, model, margins):
+    return Rest()
+
+
 def exchanged(spec, margins, model):
     return LipschitzLimit("sum", "all", lambda p: p.sum(axis=1), np.ones(4), -9.0, 9.0, margins)
 
@@ -265,6 +282,20 @@ def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> N
     assert value < 1.9 == pytest.approx(limit - margin, abs=1e-3)
     assert "torque" not in said
     assert "`home` of [search] in robot.toml" in said
+    assert not list(Path("lab/proposals").glob("0*"))
+
+
+def test_a_limit_whose_margin_leaves_rest_alone_refuses_every_proposal(place, capsys) -> None:
+    path = place / "arm.toml"
+    path.write_text(
+        path.read_text().replace(block("toml", "[[limit]]"), '[[limit]]\nkind = "my_limits:rest"\n')
+    )
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    capsys.readouterr()
+    assert cli.main(["ask", "lab"]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "Only rest keeps all limits" in said
+    assert "speed sum of all" in said
     assert not list(Path("lab/proposals").glob("0*"))
 
 

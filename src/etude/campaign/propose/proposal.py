@@ -22,7 +22,7 @@ from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_files import FULL, stored_trajectory
 from etude.codes import Notice, Warn
 from etude.design.latents import Latent
-from etude.errors import UsageError
+from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import utilization
 from etude.protocols import Family, Inputs, Limit, Model, Trajectory
 from etude.types import Array, Reachable
@@ -69,7 +69,23 @@ def proposed(
         what = "from the model" if basis.learned else "from the limits alone"
         say(f"Designing the next trajectory {what}.")
         trajectory, asked = _designed(campaign, basis, rng, tasks if basis.learned else (), open_ones, limits)
+    _require_motion(trajectory, limits)
     return from_rest(campaign, trajectory, limits), asked
+
+
+def _require_motion(trajectory: Trajectory, limits: Sequence[Limit]) -> None:
+    """UnsafeTrajectoryError: the trajectory stands still, because its limits leave no room to move."""
+    pieces = [piece for _, _, piece in trajectory.pieces()]
+    t = [np.linspace(0.0, piece.duration, LOOKED_AT) for piece in pieces]
+    paths = np.concatenate([p.motion(at, 1).orders[0] for p, at in zip(pieces, t, strict=True)])
+    if np.ptp(paths, axis=0).max() > STILL * max(1.0, float(np.abs(paths).max())):
+        return
+    names = [f"{quantity} of {axis}" for quantity, axis in _used_up(limits, pieces)]
+    raise UnsafeTrajectoryError(
+        "only rest keeps all limits and their tracking margins",
+        where=", ".join(names),
+        next_step="Enlarge these limits, or make the controller track better: the margins leave no room.",
+    )
 
 
 def _design_basis(campaign: Campaign, model: Model | None) -> DesignBasis | None:
@@ -106,6 +122,8 @@ def _random(
 
 SMALL = 0.1
 """Of each axis's range: where no axis sweeps more, a motion teaches hardly anything."""
+STILL = 1e-9
+"""rad (m), or relative to larger positions: what rounding leaves of a motion that is shrunk to rest."""
 WHOLE = 0.95
 """Of a range: nothing is missing from it."""
 LOOKED_AT = 400
