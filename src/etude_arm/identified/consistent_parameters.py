@@ -358,7 +358,8 @@ def _joint_terms(
             dip = Dip(rubbed * turn**2, slid * turn, float(drive_terms[j, STRIBECK]) * turn, slow)
         armature = max(0.0, float(drive_terms[j, ARMATURE])) * turn**2
         waves = _driving(drive.side(j) * turn * drive_terms[j, WAVES]) if base_fit.cogs[j] else ()
-        terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip)
+        fastest = float(np.abs(columns[:, SPEED]).max()) / turn
+        terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip, fastest)
     return terms
 
 

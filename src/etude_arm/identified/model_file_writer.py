@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -53,6 +54,7 @@ class JointTerms:
     Attributes:
         cogging: periods a turn, amplitude and phase of waves; the joint is driven by their sum.
         dip: the friction law that damping and friction approximate; None: they are exact.
+        fastest: rad/s (m/s), largest speed of the logs that friction and damping fit.
     """
 
     armature: float
@@ -60,6 +62,7 @@ class JointTerms:
     friction: float
     cogging: tuple[tuple[int, float, float], ...] = ()
     dip: Dip | None = None
+    fastest: float = math.inf
 
 
 def central(phi: Array) -> tuple[float, Array, Array]:

@@ -26,6 +26,8 @@ from etude_arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
+SLOW = 0.5
+"""Of a joint's velocity limit: friction that was seen at lower speeds alone is extrapolated."""
 NOTHING = 0.05
 """Relative change of an error; smaller changes do not count."""
 
@@ -69,6 +71,7 @@ class ModelFile:
             *_addition_sentences(name, spec, bodies),
             *_lost_motion_sentences(fit, spec),
             *_played_sentences(name, played, fit, spec),
+            *extrapolated(fit, spec),
         ]
         facts: dict[str, Any] = {"told": fit.measured, "segments": fit.errors.segments}
         if played is not None:
@@ -126,6 +129,20 @@ def _played_sentences(name: str, played: Replayed | None, fit: Identified, spec:
         *(["cogging.csv has the waves of cogging, for other simulators."] * bool(ripple)),
         "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that depends "
         "on the path or differs by direction, or an offset.",
+    ]
+
+
+def extrapolated(fit: Identified, spec: ArmSpec) -> list[str]:
+    """A sentence on joints whose friction was seen at slow speeds only; [] without one."""
+    slow = [
+        f"{axis.name} {digits(fit.joints[axis.name].fastest)} of {digits(float(limit))} {axis.unit}/s"
+        for axis, limit in zip(spec.axes, spec.velocity, strict=True)
+        if axis.name in fit.joints and fit.joints[axis.name].fastest < SLOW * limit
+    ]
+    if not slow:
+        return []
+    return [
+        f"Friction and damping fit the speeds of the logs ({', '.join(slow)}), and are extrapolated beyond."
     ]
 
 

@@ -22,7 +22,7 @@ from etude_arm.config import ArmData
 from etude_arm.identified.consistent_parameters import Identified, identified, links_of
 from etude_arm.identified.model_file_writer import central, written
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
-from etude_arm.identified.target import URDF
+from etude_arm.identified.target import URDF, digits, extrapolated
 from etude_arm.loading.attachments import Attached
 from etude_arm.loading.load import load
 from etude_arm.physics.kinematics import body_motion
@@ -217,6 +217,19 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     again = URDF(None, KIND, spec, given(same))
     assert any("predict equally well" in sentence for sentence in again.notes)
     assert found.measured == delivered.facts["told"] <= found.shown
+
+
+def test_friction_that_was_seen_at_slow_speeds_alone_is_said_to_be_extrapolated(
+    wrong_file: tuple[ArmSpec, Path, Identified],
+) -> None:
+    spec, _, found = wrong_file
+    name, fastest = next(iter((name, terms.fastest) for name, terms in found.joints.items()))
+    for part, said in ((0.6, False), (0.4, True)):
+        axes = tuple(replace(one, velocity=fastest / part if one.name == name else 1e-3) for one in spec.axes)
+        sentences = extrapolated(found, replace(spec, axes=axes))
+        assert len(sentences) == said
+        if said:
+            assert f"({name} {digits(fastest)} of {digits(fastest / part)} rad/s)" in sentences[0]
 
 
 def test_a_urdf_is_right_beside_the_payload_that_is_printed(tmp_path: Path) -> None:
