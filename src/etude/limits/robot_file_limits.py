@@ -71,6 +71,7 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
             where=where,
             next_step=f"Known: {', '.join(plugins.names(GROUP)) or 'none'}; or name it as module:attribute.",
         )
+    plugins.require_known(GROUP, name, where)
     make: LimitFactory = plugins.load(GROUP, name)
     arguments = {key: value for key, value in table.items() if key != KIND}
     takes = list(inspect.signature(make).parameters.values())

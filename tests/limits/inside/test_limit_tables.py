@@ -340,8 +340,9 @@ def test_keys_without_a_star_are_named_with_the_signature(place) -> None:
 def test_a_kind_that_is_not_there_is_refused(place) -> None:
     path = place / "arm.toml"
     path.write_text(path.read_text().replace("my_limits:plane", "plain"))
-    with pytest.raises(UsageError, match="no limit 'plain'"):
+    with pytest.raises(UsageError, match="no limit 'plain'") as refused:
         etude.load_robot(path)
+    assert refused.value.where.endswith("arm.toml, limit 1")
 
 
 def test_what_makes_no_limit_is_named_with_the_protocol(place) -> None:

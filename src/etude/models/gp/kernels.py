@@ -1,4 +1,8 @@
-"""Kernels: squared exponential, linear, the structured default, and the noise of stiction."""
+"""Kernels: squared exponential, linear, the structured default, and the noise of stiction.
+
+A new kernel is a class here, with the methods of `kernel_algebra.Kernel`, and a row of `etude.kernels` in
+`plugins`. `plugin_kernel` only checks those of other packages.
+"""
 
 from __future__ import annotations
 
