@@ -213,7 +213,7 @@ def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None
     pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
     with pytest.raises(
         DataError,
-        match=r"no column.*Rename.*Columns read: Columns q, tau hold lists without numbers",
+        match=r"no column.*Rename.*notes: Columns q, tau hold lists without numbers",
     ):
         read(tmp_path / "run.parquet")
 

@@ -216,7 +216,7 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
         _check_families(matching, raw, channels, where)
         return matching
     except DataError as error:
-        read = f" Columns read: {' '.join(raw.repairs)}" if raw.repairs else ""
+        read = f" The reader's notes: {' '.join(raw.repairs)}" if raw.repairs else ""
         raise DataError(error.fact, where=error.where, next_step=error.next_step + read) from None
 
 
