@@ -35,7 +35,7 @@ settings.load_profile("etude")
 
 FIRST = (
     *("test_lagrangian_together", "test_lwpr"),
-    *("test_dictionary_stream", "test_vehicle_plant", "test_arm_closed_loop"),
+    *("test_dictionary_stream", "test_vehicle_plant", "test_arm_closed_loop", "test_arm_inverse"),
     *("test_lagrangian", "test_lagrangian_compilation"),
 )
 """Files whose tests compile what takes long. While one of two workers compiles the Lagrangian priors, the
