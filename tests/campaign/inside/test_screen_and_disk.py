@@ -412,6 +412,8 @@ def test_an_edited_export_is_named_until_it_is_written_again(
         assert cli.main(["status", str(copy)]) == 0
         assert f"Edited: {notice['sentence']}" in capsys.readouterr().out
         export(copy, "parameters", output)
+        _edit(folder / "etude-export.json", r'"files": \{', '"files": {"../main.c": "0",')
+        (folder.parent / "main.c").write_text("outside of the export")
         assert status(open_campaign(copy))["edited"] == []
 
 
