@@ -400,17 +400,20 @@ def test_an_edited_export_is_named_until_it_is_written_again(
     copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for output, words in ((None, ""), (tmp_path / "elsewhere", f" --output {tmp_path / 'elsewhere'}")):
-        folder = export(copy, "c", output, name="arm").folder
+        folder = export(copy, "parameters", output).folder
         (folder / "main.c").write_text("int main(void) { return 0; }\n")
         assert status(open_campaign(copy))["edited"] == [], "a file of the user's own"
-        _edit(folder / "arm.h", r"\A", "/* by hand */\n")
+        written = next(path for path in sorted(folder.glob("*.csv")))
+        _edit(written, r"\A", "by hand\n")
         (notice,) = status(open_campaign(copy))["edited"]
         assert notice["code"] == OfFile.EXPORT_EDITED
-        assert notice["sentence"].startswith(f"{folder / 'arm.h'} was changed")
-        assert notice["step"] == f"Write it again: etude export {copy} --to c{words}"
+        assert notice["sentence"].startswith(f"{written} was changed")
+        assert notice["step"] == f"Write it again: etude export {copy} --to parameters{words}"
         assert cli.main(["status", str(copy)]) == 0
         assert f"Edited: {notice['sentence']}" in capsys.readouterr().out
-        export(copy, "c", output, name="arm")
+        export(copy, "parameters", output)
+        _edit(folder / "etude-export.json", r'"files": \{', '"files": {"../main.c": "0",')
+        (folder.parent / "main.c").write_text("outside of the export")
         assert status(open_campaign(copy))["edited"] == []
 
 

@@ -292,7 +292,10 @@ def _edited_exports(campaign: Campaign) -> list[Notice]:
         files, target = mark.get("files"), str(mark.get("target", ""))
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
         for name, digest in files.items() if isinstance(files, dict) else ():
-            if (place / name).is_file() and sha256_of(place / name) != digest:
+            inside = (
+                (place / name).resolve().is_relative_to(place.resolve())
+            )  # a stranger may have written it
+            if inside and (place / name).is_file() and sha256_of(place / name) != digest:
                 fields = {"file": str(place / name), "folder": str(campaign.path)}
                 fields |= {"target": target, "output": output}
                 notices.append(Notice(OfFile.EXPORT_EDITED, fields, NextStep.EXPORT_AGAIN))
