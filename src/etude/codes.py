@@ -171,7 +171,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     OfFile.CHANGED: "{file} was changed after Étude stored it",
     OfFile.UNREADABLE: "{file} cannot be read ({why})",
     OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
-    OfFile.EXPORT_EDITED: "{file} was changed after the export, and may not be the model's",
+    OfFile.EXPORT_EDITED: "{file} was changed after the export, and may differ from the model",
     OfFile.PROVED_BEFORE: "{file} was certified before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "no decision against {against}: {segments:|segment|segments} that neither model was "

@@ -96,7 +96,7 @@ def weight_on_drives(spec: ArmSpec) -> Callable[[Array], Array] | None:
 
 def _nominal(spec: ArmSpec) -> CommandLimit:
     """The limit by the rigid body of the model file, with the deviation of identification's prior."""
-    prior, geometry = ArmPhysics(spec), ArmPhysics(spec, nominal=True).geometry
+    prior = ArmPhysics(spec)
     (dry, viscous), turning = file_friction(spec), prior.friction_velocity
 
     def friction(motion: Motion) -> Array:
@@ -105,10 +105,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
 
     def mean(motion: Motion) -> Array:
         q, qd, qdd = motion.orders[:3]
-        return nominal_commands(geometry, q, qd, qdd, friction(motion))
-
-    def deviation(motion: Motion) -> Array:
-        return prior.deviation_before_logs(*motion.orders[:3])
+        return nominal_commands(prior.geometry, q, qd, qdd, friction(motion))
 
     def both(motion: Motion) -> tuple[Array, Array]:
         q, qd, qdd = motion.orders[:3]
@@ -121,7 +118,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
         *_ends(spec),
         spec.torque_rate,
         mean,
-        deviation,
+        lambda motion: both(motion)[1],
         NOMINAL,
         gaps=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
         both=both,

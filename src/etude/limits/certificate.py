@@ -14,6 +14,7 @@ import numpy as np
 from etude.abilities import SupportsCoverage, SupportsOrder, SupportsWarnings
 from etude.codes import Notice, stated
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.plugin_values import is_guarded
 from etude.protocols import Limit, Trajectory
 from etude.trajectories.json_text import from_json
 from etude.types import Proof
@@ -265,19 +266,18 @@ def certify(
         control: the control that the tracking margins apply to, in words; "": unknown.
         partial: a limit that can prove nothing for this curve gets a row "not verified", not a UsageError.
     """
-    from etude.plugin_values import is_guarded  # it reads all protocols, which a saved certificate needs not
-
     proofs: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces, held = trajectory.pieces(), set(HELD)
     for start, label, piece in pieces:
         where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
         for limit in limits:
-            for i, row in enumerate(rows_of(limit, piece, partial=partial)):
+            proved = rows_of(limit, piece, partial=partial)
+            held |= {row.quantity for row in proved} if is_guarded(limit) else set()
+            for i, row in enumerate(proved):
                 key = (row.axis, row.quantity, f"{limit.name} {i}", _limit_key(row))
                 of = control if row.tracking_margin > 0.0 else ""
                 row = replace(row, where=" of the ".join(filter(None, (row.where, where))), control=of)
                 proofs[key] = _joined(proofs[key], row) if key in proofs else row
-                held |= {row.quantity} if is_guarded(limit) else set()
     axes = list(dict.fromkeys(key[0] for key in proofs))
     rows = tuple(row for axis in axes for key, row in proofs.items() if key[0] == axis)
     needs_rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)

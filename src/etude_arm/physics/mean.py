@@ -258,16 +258,9 @@ class ArmPhysics:
         """One map per command: features in which the command is linear, with prior weights N(0, 1)."""
         return base_regressors(self.spec, *self._body)
 
-    def deviation_before_logs(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """(n, J) prior deviations of forces at q, qd, qdd (n, J), N m (N): masses and friction."""
-        assert self._shared is not None
-        rigid, _ = command_regressors(*self._body, q, qd, qdd)
-        return deviation_before_logs(rigid, self._shared, self.spec.command)
-
     def before_logs(self, q: Array, qd: Array, qdd: Array, friction: Array) -> tuple[Array, Array]:
-        """(n, J) forces of the file's masses and of that friction (n, J) of the joints, and their deviations.
-
-        One motion of the bodies serves both: it takes a third of either.
+        """(n, J) forces by the file's masses and that friction (n, J) of the joints, N m (N), and their prior
+        deviations: of masses and friction. One motion of the bodies serves both.
         """
         assert self._shared is not None
         tree, drives, _ = self._body

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -340,8 +341,8 @@ def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> li
         return []
     units, where = campaign.channel(campaign.kind.path).units, IN_WORDS.get(form, form)
     rows = list(zip(campaign.axes, np.fmax.reduce(last).tolist(), units, strict=True))
-    known = [f"up to {value:.3g} {unit}/s^2 ({axis})" for axis, value, unit in rows if value == value]
-    hidden = [axis for axis, value, _ in rows if value != value]
+    known = [f"up to {value:.3g} {unit}/s^2 ({axis})" for axis, value, unit in rows if not math.isnan(value)]
+    hidden = [axis for axis, value, _ in rows if math.isnan(value)]
     beyond = f"Acceleration: tracking exceeded the plan in {where} by {', '.join(known)}."
     noisy = (
         "Acceleration: the noise of logged positions hides by how much tracking exceeded the plan in "

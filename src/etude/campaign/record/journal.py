@@ -149,7 +149,7 @@ def damaged_files(folder: Path, events: list[Event]) -> list[Notice]:
     Files that people edit count only if they are missing. Superseded models may be missing.
     """
     gone = {name for name in superseded(events) if not (folder / name).exists()}
-    return _damaged(folder, {name: digest for name, digest in recorded(events).items() if name not in gone})
+    return damaged(folder, {name: digest for name, digest in recorded(events).items() if name not in gone})
 
 
 MODEL = "model.npz"
@@ -168,7 +168,8 @@ def superseded(events: Iterable[Event]) -> list[str]:
     return list(order)[:-KEPT_MODELS]
 
 
-def _damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
+def damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
+    """A notice for each of these files, by name with their SHA-256, that is missing or changed."""
     problems = []
     for name, digest in sorted(files.items()):
         try:
@@ -188,7 +189,7 @@ def require_intact(folder: Path, files: Mapping[str, str], next_step: str) -> No
     Raises:
         UsageError: a file is missing or was changed; says which.
     """
-    problems = _damaged(folder, files)
+    problems = damaged(folder, files)
     if problems:
         raise UsageError(
             "; ".join(problem.sentence for problem in problems), where=str(folder), next_step=next_step

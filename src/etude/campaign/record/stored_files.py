@@ -33,11 +33,11 @@ from etude.campaign.record.events import (
     Trained,
 )
 from etude.campaign.record.folder import ROBOT, Campaign
-from etude.campaign.record.journal import recorded, require_intact
+from etude.campaign.record.journal import damaged, recorded, require_intact
 from etude.codes import NextStep, Notice, OfFile
 from etude.errors import UsageError, typed
 from etude.protocols import Trajectory
-from etude.storage import GENERATION, sha256_of, unreadable, write_atomic
+from etude.storage import GENERATION, unreadable, write_atomic
 
 MARK = "etude-export.json"
 """Says what the folder is: one that holds it may be replaced by the next export."""
@@ -291,14 +291,15 @@ def _edited_exports(campaign: Campaign) -> list[Notice]:
     for place, mark in exported_models(campaign):
         files, target = mark.get("files"), str(mark.get("target", ""))
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
-        for name, digest in files.items() if isinstance(files, dict) else ():
-            inside = (
-                (place / name).resolve().is_relative_to(place.resolve())
-            )  # a stranger may have written it
-            if inside and (place / name).is_file() and sha256_of(place / name) != digest:
-                fields = {"file": str(place / name), "folder": str(campaign.path)}
-                fields |= {"target": target, "output": output}
-                notices.append(Notice(OfFile.EXPORT_EDITED, fields, NextStep.EXPORT_AGAIN))
+        own = {  # a stranger may have written the mark
+            name: digest
+            for name, digest in (files.items() if isinstance(files, dict) else ())
+            if (place / name).resolve().is_relative_to(place.resolve())
+        }
+        for changed in (one for one in damaged(place, own) if one.code == OfFile.CHANGED):
+            fields = {"file": str(place / str(changed.fields["file"])), "folder": str(campaign.path)}
+            fields |= {"target": target, "output": output}
+            notices.append(Notice(OfFile.EXPORT_EDITED, fields, NextStep.EXPORT_AGAIN))
     return notices
 
 
