@@ -31,7 +31,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # collecting makes objects that stay: looking for garbage among them took a quarter of its time
 gc.disable()
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
-settings.load_profile("etude")
+settings.register_profile("etude everyday", settings.get_profile("etude"), max_examples=30)
 
 FIRST = (
     *("test_lagrangian_together", "test_lwpr"),
@@ -43,6 +43,12 @@ other, which takes a file as soon as it is idle, compiles all the rest; then `te
 numba's cache."""
 LONG = "foreign"
 """The room with few tests in a file that take long: at the end they would leave a worker idle."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Properties have fewer examples every day; `.ci/nightly` asks for all."""
+    everyday = config.getoption("markexpr") == "not slow"
+    settings.load_profile("etude everyday" if everyday else "etude")
 
 
 @pytest.hookimpl(trylast=True)  # after those that deselect
