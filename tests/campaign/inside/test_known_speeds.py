@@ -1,4 +1,4 @@
-"""The next motion is at most twice as fast as the logs of its model: what they do not know of drives grows."""
+"""A next motion is at most twice as fast as the logs of its model, which knows nothing of higher speeds."""
 
 from __future__ import annotations
 
