@@ -36,11 +36,11 @@ settings.register_profile("etude everyday", settings.get_profile("etude"), max_e
 FIRST = (
     *("test_lagrangian_together", "test_lwpr"),
     *("test_dictionary_stream", "test_vehicle_plant", "test_arm_closed_loop", "test_arm_inverse"),
-    *("test_lagrangian", "test_lagrangian_compilation"),
+    "test_lagrangian",
 )
 """Files whose tests compile what takes long. While one of two workers compiles the Lagrangian priors, the
-other, which takes a file as soon as it is idle, compiles all the rest; then `test_lagrangian` finds both in
-numba's cache."""
+other, which takes a file as soon as it is idle, compiles all the rest; then `test_lagrangian` finds both on
+disk."""
 LONG = "foreign"
 """The room with few tests in a file that take long: at the end they would leave a worker idle."""
 

@@ -80,6 +80,34 @@ def test_a_zero_that_is_off_is_asked_about_with_its_size(
         tell(lab, path, foreign=True)
 
 
+@pytest.mark.parametrize(
+    ("joint", "factor"),
+    [(1, 0.5), *(pytest.param(*own, marks=pytest.mark.slow) for own in ((2, 2.0), (1, 1.4)))],
+)
+def test_positions_of_one_joint_that_are_a_multiple_are_asked_about_with_their_factor(
+    joint: int, factor: float, lab: Campaign, tmp_path: Path
+) -> None:
+    """Its gear was not applied, or its counts for each turn are wrong; masses are not those of the file."""
+    right = log_of(tmp_path / "right.csv", lab, masses=np.array([1.0, 1.2, 0.8]))
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    rows[:, 1 + joint] *= factor
+    path = tmp_path / "run.csv"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    finding = found(path, lab)["gear"]
+    assert (finding.light, finding.flag) == ("yellow", "gear")
+    told = re.search(r"the positions of (\w+) are ([\d.]+) times the true ones", finding.sentence)
+    assert told is not None
+    assert told[1] == JOINTS[joint]
+    assert float(told[2]) == pytest.approx(factor, rel=0.2)  # masses are 20 % off
+    with pytest.raises(DataError, match="times the true ones"):
+        tell(lab, path, foreign=True)
+    shutil.copytree(lab.path, tmp_path / "mended")
+    name = header.split(",")[1 + joint]
+    with (tmp_path / "mended" / "campaign.toml").open("a") as config:
+        config.write(f'[log.columns]\n"{name}" = "{1.0 / factor:.6g} * {name}"\n')
+    assert [f for f in inspect(path, tmp_path / "mended").findings if f.flag] == []
+
+
 # by symmetry nothing tells either from the other at the first joint, about a vertical axis
 @pytest.mark.parametrize("joint", [2, pytest.param(1, marks=pytest.mark.slow)])
 def test_inverted_positions_are_no_inverted_commands(joint: int, lab: Campaign, tmp_path: Path) -> None:

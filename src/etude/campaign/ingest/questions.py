@@ -37,7 +37,7 @@ from etude.types import Channel, Finding, Log
 CHECKS = (
     *exact.NAMES,
     *("time", "direction", "degrees", "velocity", "delay", "swapped", "sign", "scale"),
-    *("gravity", "zero", "reversed", "contradiction", "mounting"),
+    *("gravity", "zero", "reversed", "gear", "contradiction", "mounting"),
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
