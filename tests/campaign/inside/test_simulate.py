@@ -32,6 +32,8 @@ from etude.limits import certify
 from etude.protocols import Controller, Model
 from etude.types import Finding
 
+pytestmark = pytest.mark.as_logged
+
 CONFIG = 'kind = "arm"\nseed = 4\n[trajectory]\nduration = 8.0\n'
 JOURNAL = "journal.jsonl"
 
