@@ -49,7 +49,7 @@ def write_campaign(
     if evaluated:
         _evaluate_baselines(folder, robot.dof)
     for number in range(1, rounds + 2):
-        trajectory = proposed(folder, robot, number)
+        trajectory = proposed(folder, robot, number, 70 + number)
         if number <= rounds:
             told(folder, robot, trajectory, number, rng)
             _train(folder, robot.dof, number, rng)
@@ -72,21 +72,21 @@ def write_robot(folder: Path, robot: ArmSpec) -> None:
 DRAWN: dict[tuple[str, int], tuple[FourierTrajectory, str]] = {}
 
 
-def drawn(robot: ArmSpec, number: int) -> tuple[FourierTrajectory, str]:
+def drawn(robot: ArmSpec, seed: int) -> tuple[FourierTrajectory, str]:
     """A trajectory and its certificate, the same in every campaign of the robot."""
-    key = (repr(robot), number)
+    key = (repr(robot), seed)
     if key not in DRAWN:
         limits = KIND.limits(robot, DEFAULT, None, {})
         family = FourierFamily.of(FourierConfig(duration=SECONDS), robot.dof)
         feasible = FeasibleSet.of(limits, family, KIND.home(robot))
-        trajectory = family.trajectory(uniform(np.random.default_rng([7, number]), feasible)[0])
+        trajectory = family.trajectory(uniform(np.random.default_rng(seed), feasible)[0])
         DRAWN[key] = trajectory, certify(trajectory, limits).to_json()
     return DRAWN[key]
 
 
-def proposed(folder: Path, robot: ArmSpec, number: int) -> FourierTrajectory:
+def proposed(folder: Path, robot: ArmSpec, number: int, seed: int) -> FourierTrajectory:
     """A trajectory with its certificate, asked for and committed."""
-    trajectory, certificate = drawn(robot, number)
+    trajectory, certificate = drawn(robot, seed)
     place = folder / "proposals" / f"{number:04d}"
     write_atomic(place / "trajectory.json", trajectory.to_json().encode())
     write_atomic(place / "certificate.json", certificate.encode())
