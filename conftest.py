@@ -31,18 +31,24 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # collecting makes objects that stay: looking for garbage among them took a quarter of its time
 gc.disable()
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
-settings.load_profile("etude")
+settings.register_profile("etude everyday", settings.get_profile("etude"), max_examples=30)
 
 FIRST = (
     *("test_lagrangian_together", "test_lwpr"),
     *("test_dictionary_stream", "test_vehicle_plant", "test_arm_closed_loop", "test_arm_inverse"),
-    *("test_lagrangian", "test_lagrangian_compilation"),
+    "test_lagrangian",
 )
 """Files whose tests compile what takes long. While one of two workers compiles the Lagrangian priors, the
-other, which takes a file as soon as it is idle, compiles all the rest; then `test_lagrangian` finds both in
-numba's cache."""
+other, which takes a file as soon as it is idle, compiles all the rest; then `test_lagrangian` finds both on
+disk."""
 LONG = "foreign"
 """The room with few tests in a file that take long: at the end they would leave a worker idle."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Properties have fewer examples every day; `.ci/nightly` asks for all."""
+    everyday = config.getoption("markexpr") == "not slow"
+    settings.load_profile("etude everyday" if everyday else "etude")
 
 
 @pytest.hookimpl(trylast=True)  # after those that deselect

@@ -7,17 +7,15 @@ factors c, of which those nearer to zero than LEAST are taken to be LEAST away. 
     P {2 a'_k a_m + 2 (e b'_k - y_k) b_m - 2 b'_k y'_m + s² ρ_k ρ'_m + δ_km [2 v_k (τ + s e) + s² σ_k]}
 
 with α = u + d w, a = v α, b = v w, s = Σ v w w', t = Σ w' a, τ = Σ v α α', y_k = ρ_k t' + s w'_k σ_k, and
-d = Σ w ρ, e = Σ w w' σ over its joints. All compiled code is in this file, as numba's cache watches only it.
+d = Σ w ρ, e = Σ w w' σ over its joints. All parts are in this file.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array
+from etude_lagrangian.loop_compiler import Part, loops
 
 WIDTH = 32  # columns in a strip: a multiple of a processor's lanes
 LEAST = 1e-9  # a factor may be divided out again
@@ -34,20 +32,8 @@ AT, ATZ, AS, AX, ALL, Q, AQ, TOTAL, BLOCKS = 8, 9, 10, 11, 12, 13, 14, 15, 19
 FIELDS, C, R, RZ, SG, CU, RU, RUZ, QU, LINK = 0, 4, 8, 9, 10, 11, 15, 16, 17, 18
 FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43  # rows of a joint's own work
 
-_MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
 
-
-def _inline(function: Any) -> Any:
-    """A part of a sweep: not compiled by itself."""
-    return compiled_part(function, forceinline=True, **_MATHS)
-
-
-def _compile(function: Any) -> Any:
-    """A whole sweep."""
-    return compiled(function, **_MATHS)
-
-
-@_inline
+@Part
 def _factor(work: Array, joint: int, at: int, a: float, b: float, sine: float, cosine: float) -> None:
     """c = (a S S' + b C C' + 1)/2, never zero, and its derivatives in q, in q', and in both."""
     aS, aC, bS, bC = 0.5 * a * sine, 0.5 * a * cosine, 0.5 * b * sine, 0.5 * b * cosine
@@ -61,7 +47,7 @@ def _factor(work: Array, joint: int, at: int, a: float, b: float, sine: float, c
         work[joint + at + 3, x] = aC * c + bS * s
 
 
-@_inline
+@Part
 def _ratios(work: Array, joint: int) -> None:
     """ρ, ρ', σ of the kinetic factor; c_x/c, c_z/c, c_xz/c of the potential's."""
     for x in range(WIDTH):
@@ -77,7 +63,7 @@ def _ratios(work: Array, joint: int) -> None:
         work[joint + QU, x] = one * work[joint + CU + 3, x]
 
 
-@_inline
+@Part
 def _begin(work: Array, p: Array, F: Array, i: int) -> None:
     """Factors of row i, u0² Π c of the potential, and the running products and sums before any link."""
     J = F.shape[1]
@@ -96,7 +82,7 @@ def _begin(work: Array, p: Array, F: Array, i: int) -> None:
             work[Q, x] *= work[joint + CU, x]
 
 
-@_inline
+@Part
 def _extend_chain(work: Array, link: int, p: Array, F: Array, i: int) -> None:
     """P, d, d', e with the joint of the next link, and that link's α, a, s, t, τ and y of its joints."""
     joint, w = BLOCKS + link * SIZE, F[2, link, i]
@@ -131,7 +117,7 @@ def _extend_chain(work: Array, link: int, p: Array, F: Array, i: int) -> None:
             work[joint + LINK + 5, x] = work[joint + RZ, x] * work[S + 1, x] + ssg * w
 
 
-@_inline
+@Part
 def _values(work: Array, values: int, p: Array, F: Array, i: int) -> None:
     """All K_km of row i into the rows from `values` on, k J + m."""
     J = F.shape[1]
@@ -167,7 +153,7 @@ def _values(work: Array, values: int, p: Array, F: Array, i: int) -> None:
                 work[out, x] += work[P, x] * diagonal
 
 
-@_inline
+@Part
 def _free_sums(work: Array, values: int, J: int, link: int, F: Array, i: int) -> None:
     """Σ_m G ρ'_m, Σ_m G w_m σ_m, Σ_k G ρ_k, Σ_k G w'_k σ_k: they grow with the joint of a link."""
     new, w = BLOCKS + link * SIZE, F[2, link, i]
@@ -195,7 +181,7 @@ def _free_sums(work: Array, values: int, J: int, link: int, F: Array, i: int) ->
             work[new + FREE + 3, x] += g * work[old + 2, x] * sg
 
 
-@_inline
+@Part
 def _bound_sums(work: Array, values: int, J: int, link: int, p: Array, F: Array, i: int) -> None:
     """Σ_m G v_m w_m, Σ_m G v_m u_m for each k, and Σ_k G v_k w'_k, Σ_k G v_k u'_k for each m, of a link."""
     for k in range(link + 1):
@@ -221,7 +207,7 @@ def _bound_sums(work: Array, values: int, J: int, link: int, p: Array, F: Array,
                 work[one + BOUND + 3, x] += h * work[other + 3, x]
 
 
-@_inline
+@Part
 def _link_totals(work: Array, values: int, J: int, link: int, p: Array, F: Array, i: int) -> None:
     """Adjoints that a link's joints share: of t, t', s and of its P, d, d', e, less what a' and a add."""
     at = BLOCKS + link * SIZE + BLINK
@@ -265,7 +251,7 @@ def _link_totals(work: Array, values: int, J: int, link: int, p: Array, F: Array
         work[ATZ, x] *= work[P, x]
 
 
-@_inline
+@Part
 def _link_joints(
     work: Array, values: int, J: int, link: int, p: Array, F: Array, i: int, dF: Array, dp: Array
 ) -> None:
@@ -305,7 +291,7 @@ def _link_joints(
         dF[3, k, i] += to_u
 
 
-@_inline
+@Part
 def _gradients(
     work: Array, joint: int, at: int, a: int, j: int, p: Array, F: Array, i: int, dF: Array, dp: Array
 ) -> None:
@@ -328,7 +314,7 @@ def _gradients(
     dF[1, j, i] += p[a, j] * (s1 + c3) + p[a + 1, j] * (c0 - s2)
 
 
-@_inline
+@Part
 def _joints_back(work: Array, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """Down the chain of links: their P, d, d', e add up, and each joint's factor gets what it is due."""
     J = F.shape[1]
@@ -360,7 +346,7 @@ def _joints_back(work: Array, p: Array, F: Array, i: int, dF: Array, dp: Array) 
         _gradients(work, joint, joint + BACK, A_T, j, p, F, i, dF, dp)
 
 
-@_inline
+@Part
 def _potential_back(work: Array, values: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the weights to the parameters of U and row i's S and C."""
     J = F.shape[1]
@@ -402,7 +388,7 @@ def _potential_back(work: Array, values: int, p: Array, F: Array, i: int, dF: Ar
         _gradients(work, one, one + BACK, A_U, k, p, F, i, dF, dp)
 
 
-@_inline
+@Part
 def _backward(work: Array, values: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the weights of all K_km to the gradients."""
     J = F.shape[1]
@@ -422,7 +408,7 @@ def _backward(work: Array, values: int, p: Array, F: Array, i: int, dF: Array, d
     _joints_back(work, p, F, i, dF, dp)
 
 
-@_inline
+@Part
 def _strip(work: Array, Z: Array, start: int, count: int) -> None:
     for j in range(Z.shape[1]):
         for f in range(4):
@@ -433,7 +419,6 @@ def _strip(work: Array, Z: Array, start: int, count: int) -> None:
                 work[row, x] = 0.0
 
 
-@_compile
 def sweep_all(p: Array, F: Array, Z: Array, pairs: int, G: Array, back: bool, dF: Array, dp: Array) -> None:
     """Covariances of all commands between packed inputs F (4, J, n) and Z (4, J, m), or their gradients.
 
@@ -442,9 +427,20 @@ def sweep_all(p: Array, F: Array, Z: Array, pairs: int, G: Array, back: bool, dF
         G: (J, n, J, m), C order: covariances of command k at x and m at z, or with `back` their weights.
         dF, dp: like F and p, with `back`: the gradients of sum(G * covariances) are added, Z held fixed.
     """
+    _sweep_all(_work(F.shape[1], F.shape[1] ** 2), p, F, Z, pairs, G, back, dF, dp)
+
+
+def _work(joints: int, more: int) -> Array:
+    """Rows of a strip's work, and as many more."""
+    return np.zeros((BLOCKS + joints * SIZE + more, WIDTH))
+
+
+@loops(work=WIDTH)
+def _sweep_all(
+    work: Array, p: Array, F: Array, Z: Array, pairs: int, G: Array, back: int, dF: Array, dp: Array
+) -> None:
     J, n, m = F.shape[1], F.shape[2], Z.shape[2]
     values = BLOCKS + J * SIZE
-    work = np.zeros((values + J * J, WIDTH))
     width = 1 if pairs == SELF else WIDTH
     for start in range(0, m, width):
         count = min(width, m - start)
@@ -468,13 +464,16 @@ def sweep_all(p: Array, F: Array, Z: Array, pairs: int, G: Array, back: bool, dF
                 _backward(work, values, p, F, i, dF, dp)
 
 
-@_compile
 def means_all(p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
     """Σ of the covariances with Z (4, J, m) times alpha (J, m), into out (J, n): O(J²) a pair of inputs."""
+    out[:] = 0.0
+    _means_all(_work(F.shape[1], F.shape[1]), p, F, Z, alpha, out)
+
+
+@loops(work=WIDTH)
+def _means_all(work: Array, p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
     J, n, m = F.shape[1], F.shape[2], Z.shape[2]
     weights = BLOCKS + J * SIZE
-    work = np.zeros((weights + J, WIDTH))
-    out[:] = 0.0
     for start in range(0, m, WIDTH):
         count = min(WIDTH, m - start)
         _strip(work, Z, start, count)
@@ -491,7 +490,7 @@ def means_all(p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
                 _link_means(work, weights, link, p, F, i, out)
 
 
-@_inline
+@Part
 def _potential_means(work: Array, weights: int, J: int, i: int, out: Array) -> None:
     for x in range(WIDTH):
         work[AQ, x] = 0.0
@@ -506,7 +505,7 @@ def _potential_means(work: Array, weights: int, J: int, i: int, out: Array) -> N
         out[k, i] += total
 
 
-@_inline
+@Part
 def _link_means(work: Array, weights: int, link: int, p: Array, F: Array, i: int, out: Array) -> None:
     for x in range(WIDTH):
         work[TOTAL, x] = 0.0

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -128,32 +127,6 @@ class Lagrangian(Kernel):
         return dF, dp
 
 
-SENTENCE = "Compiling the Lagrangian prior: half a minute, once for this installation."
-
-
-def first_use() -> str:
-    """A sentence for who waits, if the sweeps still have to be compiled; else ""."""
-    from etude_lagrangian import all_outputs, one_output
-
-    sweeps = (one_output.sweep, all_outputs.sweep_all, all_outputs.means_all)
-    return "" if all(map(_compiled, sweeps)) else SENTENCE
-
-
-def _compiled(function: object) -> bool:
-    """In this process, or by an earlier one since the file was written."""
-    if getattr(function, "signatures", ()):
-        return True
-    stats, source = getattr(function, "stats", None), getattr(function, "py_func", None)
-    if stats is None or source is None or stats.cache_path is None:
-        return False
-    path = Path(source.__code__.co_filename)
-    entries = Path(stats.cache_path).glob(
-        f"{path.stem}.{source.__name__}-{source.__code__.co_firstlineno}.*.nbi"
-    )
-    written = path.stat().st_mtime if path.is_file() else 0.0
-    return any(entry.stat().st_mtime >= written for entry in entries)
-
-
 @dataclass(frozen=True)
 class CommandPrior:
     """The factory of the kernel of one command."""
@@ -175,10 +148,6 @@ class CommandPrior:
                 next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
             )
         return Lagrangian(joints, names.index(commands[0])) + own_friction(columns, commands)
-
-    def first_use(self) -> str:
-        """As `SupportsFirstUse.first_use`."""
-        return first_use()
 
 
 gip_lin = CommandPrior()

@@ -15,7 +15,6 @@ from etude.protocols import FitData, KernelFactory, Process
 from etude.types import Array, Column, Index, Mask
 from etude_lagrangian.joint_process import JointProcess
 from etude_lagrangian.joints import joints_of
-from etude_lagrangian.kernel import first_use
 from etude_lagrangian.likelihood import JointHyperparameters, fit_joint, initial_hyperparameters
 from etude_lagrangian.prior import JointPrior
 
@@ -58,10 +57,6 @@ class AllOutputs:
             fit,
             rows,
         )
-
-    def first_use(self) -> str:
-        """As `SupportsFirstUse.first_use`."""
-        return first_use()
 
     def restore(self, arrays: Mapping[str, Array]) -> JointProcess:
         """The process whose arrays these are; its predictions are the same bits."""

@@ -4,8 +4,8 @@ The command of joint k has the covariance Σ_{i>=k} K_i + potential, without a d
 kinetic part. Inputs are packed as (4, J, n): S, C, w, u = sin q, cos q, velocity, acceleration; a slide has q
 and 1. A row x is held against a strip of WIDTH columns z, primed below, and every statement is a loop over
 the strip. All work rows lie in one array of constant width, so that the compiler knows that they do not
-overlap: rows of their own first, then a block of rows for each joint. All compiled code is in this file
-because numba's cache watches only the file of the function it stores.
+overlap: rows of their own first, then a block of rows for each joint. All parts are in this
+file.
 
 Parameters are one array (J + 5, J): a and b of the potential's factors, a and b of the kinetic ones, v of
 each link and joint (J, J), and [u0², ...]. Of a slide b = 0.
@@ -13,12 +13,10 @@ each link and joint (J, J), and [u0², ...]. Of a slide b = 0.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from etude._runtime.compilation import compiled, compiled_part
 from etude.types import Array
+from etude_lagrangian.loop_compiler import Part, loops
 
 WIDTH = 64  # columns in a strip: a multiple of a processor's lanes
 EVERY, LOWER, SELF = 0, 1, 2
@@ -31,20 +29,8 @@ K, P, GP, CHAIN, OWN, SUMS, HERE, BLOCKS = 0, 1, 5, 9, 13, 17, 21, 25
 # rows of a joint's block: inputs, kinetic factor, chain before it, sums of its link, factor and chain of U
 FIELDS, T, BEFORE, LINK, U, U_BEFORE, SIZE = 0, 4, 8, 12, 16, 17, 18
 
-_MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
 
-
-def _inline(function: Any) -> Any:
-    """A part of a sweep: not compiled by itself."""
-    return compiled_part(function, forceinline=True, **_MATHS)
-
-
-def _compile(function: Any) -> Any:
-    """A whole sweep."""
-    return compiled(function, **_MATHS)
-
-
-@_inline
+@Part
 def _factor(work: Array, joint: int, a: float, b: float, S: float, C: float) -> None:
     """c = (a S S' + b C C' + 1)/2 and its derivatives in q, in q', and in both."""
     aS, aC, bS, bC = 0.5 * a * S, 0.5 * a * C, 0.5 * b * S, 0.5 * b * C
@@ -56,7 +42,7 @@ def _factor(work: Array, joint: int, a: float, b: float, S: float, C: float) -> 
         work[joint + T + 3, x] = aC * c + bS * s
 
 
-@_inline
+@Part
 def _potential_factors(work: Array, k: int, p: Array, F: Array, i: int) -> None:
     """c of U for each joint, c_xz for joint k, and the products before each; the last is the potential's."""
     J = F.shape[1]
@@ -82,7 +68,7 @@ def _potential_factors(work: Array, k: int, p: Array, F: Array, i: int) -> None:
                 work[here + SIZE + U_BEFORE, x] = work[here + U_BEFORE, x] * work[here + SIZE + U, x]
 
 
-@_inline
+@Part
 def _chain_step(work: Array, before: int, joint: int, w: float) -> None:
     """(R, DR, D'R, DD'R) with one more joint in R = Π c²."""
     after = before + SIZE + BEFORE
@@ -99,7 +85,7 @@ def _chain_step(work: Array, before: int, joint: int, w: float) -> None:
         work[after + 3, x] = DRD * p + DR * beta + RD * alpha + R * gamma
 
 
-@_inline
+@Part
 def _link_sums(work: Array, link: int, k: int, p: Array, F: Array, i: int) -> None:
     """Σ v {w w', w u', u w', u u'} over the joints of a link but k."""
     at = BLOCKS + link * SIZE + LINK
@@ -120,7 +106,7 @@ def _link_sums(work: Array, link: int, k: int, p: Array, F: Array, i: int) -> No
             work[at + 3, x] += vu * work[z + 3, x]
 
 
-@_inline
+@Part
 def _link_value(work: Array, link: int, k: int, v: float, w: float, u: float) -> None:
     """Adds K_i of a link."""
     at, z = BLOCKS + link * SIZE, BLOCKS + k * SIZE
@@ -138,7 +124,7 @@ def _link_value(work: Array, link: int, k: int, v: float, w: float, u: float) ->
         work[K, x] += value + work[P + 3, x] * R * (ww * ww + v * v * w * w * wz * wz)
 
 
-@_inline
+@Part
 def _forward(work: Array, k: int, p: Array, F: Array, i: int) -> None:
     """Everything of row i that the way back needs; with `values`, the covariances too."""
     J = F.shape[1]
@@ -164,7 +150,7 @@ def _forward(work: Array, k: int, p: Array, F: Array, i: int) -> None:
         _link_sums(work, j, k, p, F, i)
 
 
-@_inline
+@Part
 def _values(work: Array, k: int, p: Array, F: Array, i: int) -> None:
     J = F.shape[1]
     for x in range(WIDTH):
@@ -173,7 +159,7 @@ def _values(work: Array, k: int, p: Array, F: Array, i: int) -> None:
         _link_value(work, link, k, p[LINKS + link, k], F[2, k, i], F[3, k, i])
 
 
-@_inline
+@Part
 def _link_adjoints(work: Array, link: int, k: int, v: float, w: float, u: float) -> None:
     """What a link adds to the adjoints of the chain, of joint k's powers and of its sums."""
     at, z = BLOCKS + link * SIZE, BLOCKS + k * SIZE
@@ -206,7 +192,7 @@ def _link_adjoints(work: Array, link: int, k: int, v: float, w: float, u: float)
         work[SUMS + 3, x] = g * R
 
 
-@_inline
+@Part
 def _link_gradients(work: Array, link: int, k: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From them to v of the link, and to w and u of row i."""
     at, z = BLOCKS + link * SIZE, BLOCKS + k * SIZE
@@ -243,7 +229,7 @@ def _link_gradients(work: Array, link: int, k: int, p: Array, F: Array, i: int, 
         dF[3, j, i] += p[LINKS + link, j] * on_u
 
 
-@_inline
+@Part
 def _chain_back(work: Array, before: int, joint: int, w: float) -> float:
     """The adjoints before a joint, those of its powers into HERE, and the gradient in its w."""
     before = before + BEFORE
@@ -273,7 +259,7 @@ def _chain_back(work: Array, before: int, joint: int, w: float) -> float:
     return to_w
 
 
-@_inline
+@Part
 def _factor_gradients(work: Array, at: int, j: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the adjoints of c² and its derivatives at rows `at` to a, b and row i's S and C of joint j."""
     joint = BLOCKS + j * SIZE
@@ -299,7 +285,7 @@ def _factor_gradients(work: Array, at: int, j: int, p: Array, F: Array, i: int, 
     dF[1, j, i] += a * (s1 + c3) + b * (c0 - s2)
 
 
-@_inline
+@Part
 def _potential_back(work: Array, k: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the weights to the parameters of U and row i's S and C."""
     J = F.shape[1]
@@ -334,7 +320,7 @@ def _potential_back(work: Array, k: int, p: Array, F: Array, i: int, dF: Array, 
     dp[LINKS + J, 0] += on_u0
 
 
-@_inline
+@Part
 def _backward(work: Array, k: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the weights in K to the gradients."""
     J = F.shape[1]
@@ -359,7 +345,6 @@ def _backward(work: Array, k: int, p: Array, F: Array, i: int, dF: Array, dp: Ar
     _factor_gradients(work, OWN, k, p, F, i, dF, dp)
 
 
-@_compile
 def sweep(
     k: int, p: Array, F: Array, Z: Array, pairs: int, G: Array, back: bool, dF: Array, dp: Array
 ) -> None:
@@ -370,8 +355,15 @@ def sweep(
         G: (n, m), C order: the covariances, or with `back` the weights of them.
         dF, dp: like F and p, with `back`: the gradients of sum(G * covariances) are added, Z held fixed.
     """
+    work = np.zeros((BLOCKS + F.shape[1] * SIZE, WIDTH))
+    _sweep(work, k, p, F, Z, pairs, G, back, dF, dp)
+
+
+@loops(work=WIDTH)
+def _sweep(
+    work: Array, k: int, p: Array, F: Array, Z: Array, pairs: int, G: Array, back: int, dF: Array, dp: Array
+) -> None:
     J, n, m = F.shape[1], F.shape[2], Z.shape[2]
-    work = np.zeros((BLOCKS + J * SIZE, WIDTH))
     width = 1 if pairs == SELF else WIDTH
     for start in range(0, m, width):
         count = min(width, m - start)

@@ -124,7 +124,7 @@ def played(ros: Ros, folder: Path, own: Planned, monkeypatch: pytest.MonkeyPatch
     [
         (1, True, {"version": 1}),
         pytest.param(3, True, {"body": Body(hover=0.53, drag=0.2)}, marks=pytest.mark.slow),
-        (2, False, {"off": (0.12, -0.12, 0.08)}),
+        pytest.param(2, False, {"off": (0.12, -0.12, 0.08)}, marks=pytest.mark.slow),
     ],
     ids=["from the ground", "heavier than it thinks", "it hovers beside the start"],
 )

@@ -30,7 +30,6 @@ FOREIGN = {
     "etude/cli/doctor.py": "functions that some operating systems lack",
     "etude/cli/outcome.py": "arrays and numbers of NumPy and polars",
     "etude_online/learner_state.py": "named tuples",
-    "etude_lagrangian/kernel.py": "functions compiled by numba",
     "etude_drivers/lerobot.py": "robots of LeRobot, of many kinds",
 }
 """Files that ask objects of other libraries for an attribute by name, and which objects these are."""

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from etude import plugins
 from etude.abilities import SupportsNotes
 from etude.campaign.propose.typical_motions import typical_motions
 from etude.campaign.record.events import BlockScores, NewMotionScores, PrequentialScore, Trained
@@ -41,7 +40,7 @@ from etude.logs.cleaning.filters import LONGEST_LAG, median_rate, resample
 from etude.models.accuracy import Figures, PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.learned_model import LearnedModel
-from etude.models.process_abilities import HasKernel, SupportsFirstUse
+from etude.models.process_abilities import HasKernel
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.model_selection import (
     ModelSelection,
@@ -99,7 +98,6 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
         DataError, NumericalError: not even all logs together can be learned.
     """
     learn = learner or learn_log
-    _say_if_compiling(campaign, say)
     numbers = [r.number for r in campaign.state().pending]
     try:
         _learn_together(campaign, learn, numbers, say)
@@ -139,18 +137,6 @@ def learn_again(campaign: Campaign, learner: Learner | None = None, say: Say = l
         numbers = [n for n in together if state.rounds[n].learned] or [last.number]
         _learn_together(campaign, learner or learn_log, numbers, say)
         return numbers
-
-
-def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
-    if not campaign.state().pending:
-        return
-    model = campaign.config.model
-    named = (plugins.load("etude.kernels", model.kernel), plugins.load("etude.models", model.process))
-    for sentence in dict.fromkeys(
-        plugin.first_use() for plugin in named if isinstance(plugin, SupportsFirstUse)
-    ):
-        if sentence:
-            say(sentence)
 
 
 def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], say: Say) -> None:

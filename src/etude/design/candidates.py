@@ -11,8 +11,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -241,6 +242,8 @@ class ReachablePoses:
     reach: Reachable
     visited: VisitedTimes
     total: float
+    _rests: dict[int, bool] = field(default_factory=dict, repr=False)
+    """By number of a pose, whether the limits of the design allow rest there; all its segments share it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,11 +352,10 @@ class ClearPoseSource:
 
     def _no_clear_motion(self) -> UnsafeTrajectoryError:
         """The error that no motion keeps all limits; it names the limit that blocks most poses, if known."""
-        form = self.family.trajectory(self._set(self.family).centre).form
         poses = self.roam.reach.poses[:BLOCKED]
         blocking = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
         met = Counter(
-            blocker for limit in blocking for pose in poses if (blocker := limit.blocked(form, pose))
+            blocker for limit in blocking for pose in poses if (blocker := limit.blocked(self._form, pose))
         )
         often = [what for what, count in met.most_common() if 2 * count > len(poses)]
         return UnsafeTrajectoryError(
@@ -434,15 +436,17 @@ class ClearPoseSource:
     def _poses(
         self, rng: np.random.Generator, whole: FeasibleSet, stand: Callable[[Array], Array], count: int
     ) -> list[Array]:
-        """Clear poses; every other one is among those with the most coordinates in unvisited bins."""
+        """Clear poses at which the robot may rest; every other one is among those with the most coordinates
+        in unvisited bins.
+        """
         poses, visited = self.roam.reach.poses, self.roam.visited
         unvisited = ~visited.bins(self.roam.total)
-        order = rng.permutation(len(poses))
+        order = rng.permutation(len(poses)).tolist()
         chosen: list[Array] = []
-        some = order[: 8 * count]
+        some = np.array([*islice(filter(self._allows_rest, order), 8 * count)], dtype=np.int64)
         gain = np.array([(visited.counts(poses[i : i + 1]) * unvisited).sum() for i in some])
         most = iter(some[np.argsort(-gain, kind="stable")].tolist())
-        any_ = iter(order[::-1].tolist())
+        any_ = filter(self._allows_rest, reversed(order))
         while len(chosen) < count:
             i = next(most if len(chosen) % 2 == 0 else any_, None)
             if i is None:
@@ -450,6 +454,30 @@ class ClearPoseSource:
             elif float(whole.gauge(stand(poses[i])).max(initial=0.0)) <= WELL_INSIDE:
                 chosen.append(poses[i])
         return chosen
+
+    def _allows_rest(self, i: int) -> bool:
+        """Whether limits that no box describes, such as those of drives, allow rest at the i-th clear pose.
+
+        Where drives hold the robot in a small part of its range, nearly all random poses would be lost later.
+        """
+        rests = self.roam._rests
+        if i not in rests:
+            pose = self.roam.reach.poses[i]
+            rests[i] = not any(limit.blocked(self._form, pose) for limit in self._holding)
+        return rests[i]
+
+    @cached_property
+    def _holding(self) -> tuple[SupportsBlocking, ...]:
+        return tuple(
+            limit
+            for limit in self.limits
+            if isinstance(limit, SupportsBlocking)
+            and not (isinstance(limit, SupportsBoxes) or limit.cones(self.family))
+        )
+
+    @cached_property
+    def _form(self) -> str:
+        return self.family.trajectory(self._set(self.family).centre).form
 
     def _worth_and_speed(self, family: Family, p: Array, free: float) -> tuple[float, float]:
         """Worth of a motion, and its speed relative to that without obstacles.

@@ -67,7 +67,6 @@ if TYPE_CHECKING:
     from etude.models.learned_model import LearnedModel
     from etude.models.members import member_named
     from etude.models.process import Posteriors, Silent, Teaching, restored, taught
-    from etude.models.process_abilities import SupportsFirstUse
     from etude.models.selection.linear import LinearPhysics, linear_inputs
     from etude.models.selection.model_selection import ModelSelection, read_residuals, select_structures
     from etude.models.store import load_model, save_model
@@ -108,7 +107,6 @@ __all__ = [
     "Silent",
     "SquaredExponential",
     "Structure",
-    "SupportsFirstUse",
     "Teaching",
     "about_origin",
     "apparent_loads",

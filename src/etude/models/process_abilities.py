@@ -63,15 +63,6 @@ class Stored(Protocol):
 
 
 @runtime_checkable
-class SupportsFirstUse(Protocol):
-    """A member, or a kernel's factory, whose first use on a machine takes a while."""
-
-    def first_use(self) -> str:
-        """A sentence for who waits, if it is still to come; else ""."""
-        ...
-
-
-@runtime_checkable
 class SupportsC(Protocol):
     """A posterior of one output that writes its own C99."""
 

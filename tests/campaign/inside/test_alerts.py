@@ -21,6 +21,8 @@ from etude.codes import Alert, NextStep, Notice, Stop, Warn
 from etude.types import Finding
 from journal_facts import fact, trained
 
+pytestmark = pytest.mark.as_logged
+
 OUTPUTS = ("hip", "knee")
 GOOD = {"nmse": [0.01, 0.02], "z2": [1.0, 1.0], "coverage": [0.95, 0.93]}
 LINEAR = {"nmse": [0.1, 0.2]}

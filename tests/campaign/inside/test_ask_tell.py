@@ -25,6 +25,8 @@ from etude.campaign.record.journal import damaged_files
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.limits import certify
 
+pytestmark = pytest.mark.as_logged
+
 
 def told(campaign: Campaign, log: Path, **options: object) -> IngestResult:
     return tell(campaign, log, learner=stub_learner, **options)  # type: ignore[arg-type]

@@ -16,6 +16,8 @@ from etude.limits import certify_bytes
 from etude.protocols import Trajectory
 from etude.trajectories import Chain
 
+pytestmark = pytest.mark.as_logged
+
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"
 LONG = "[trajectory]\nduration = 30.0\n[data]\ncutoff_hz = 5.0\n" + QUICK
 RANDOM = LONG.replace("[design]\n", '[design]\nfirst = "random"\n')

@@ -37,6 +37,8 @@ from etude.errors import UsageError
 from etude.limits import HIDDEN
 from etude.types import Array
 
+pytestmark = pytest.mark.as_logged
+
 RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 LEARNS = """\
 [model]

@@ -23,6 +23,8 @@ from etude.errors import DataError, UsageError
 from etude.models import LearnedModel, load_model, save_model
 from etude.trajectories import from_json
 
+pytestmark = pytest.mark.as_logged
+
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 600, dtype=np.uint8)) + b"\n"
 NESTED = b"[" * 100_000 + b"\n"
 Harm = Callable[[Path], object]

@@ -162,7 +162,10 @@ def test_positions_of_one_joint_that_are_late_are_asked_about(lab: Campaign, tmp
     assert float(told[1]) == pytest.approx(80, abs=25)
 
 
-@pytest.mark.parametrize(("clock", "said"), [(2.0, "2 times too slow"), (0.5, "2 times too fast")])
+@pytest.mark.parametrize(
+    ("clock", "said"),
+    [pytest.param(2.0, "2 times too slow", marks=pytest.mark.slow), (0.5, "2 times too fast")],
+)
 def test_a_clock_that_is_off_is_seen_by_the_model_file(
     clock: float, said: str, lab: Campaign, tmp_path: Path
 ) -> None:
@@ -361,7 +364,7 @@ def test_a_sign_that_turns_within_a_log_is_asked_about_with_joint_and_time(
     assert "--accept contradiction" in refused.value.next_step
 
 
-@pytest.mark.parametrize("kg", [0.2, -0.2, pytest.param(1.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kg", [-0.2, *(pytest.param(own, marks=pytest.mark.slow) for own in (0.2, 1.5))])
 def test_a_load_taken_up_within_a_log_is_weighed(kg: float, lab: Campaign, tmp_path: Path) -> None:
     motion = random_motion(lab, 7)
     plain = written(tmp_path / "plain.csv", lab, motion, times=4)
@@ -375,7 +378,7 @@ def test_a_load_taken_up_within_a_log_is_weighed(kg: float, lab: Campaign, tmp_p
     assert a < 2.0 * motion.duration < b
 
 
-@pytest.mark.parametrize("seed", [12, 14])
+@pytest.mark.parametrize("seed", [pytest.param(12, marks=pytest.mark.slow), 14])
 def test_a_load_that_is_carried_all_the_time_does_not_change(
     seed: int, lab: Campaign, tmp_path: Path
 ) -> None:

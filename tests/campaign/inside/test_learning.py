@@ -20,6 +20,8 @@ from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
 from etude.models import LearnedModel
 
+pytestmark = pytest.mark.as_logged
+
 CONFIG = """\
 [trajectory]
 duration = 20.0

@@ -17,6 +17,8 @@ from etude.campaign.training import MOST_LOGS, MOST_SECONDS, teaching
 from etude.codes import Warn
 from etude.errors import DataError, UsageError
 
+pytestmark = pytest.mark.as_logged
+
 CONFIG = """\
 [trajectory]
 duration = 8.0

@@ -10,6 +10,8 @@ from etude.campaign import newest_model, stored_trajectory
 from etude.campaign.record.config_file import parse_config
 from etude.errors import UsageError
 
+pytestmark = pytest.mark.as_logged
+
 CONFIG = """\
 [trajectory]
 duration = 20.0

@@ -15,6 +15,8 @@ from etude.campaign import Campaign, create_campaign, open_campaign, simulate
 from etude.campaign.record.stored_models import LEFT_OUT
 from etude.models import read_residuals
 
+pytestmark = pytest.mark.as_logged
+
 
 def configured(path: Path, changes: dict[str, str]) -> Campaign:
     text = (path / "campaign.toml").read_text()

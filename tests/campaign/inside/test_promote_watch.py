@@ -37,6 +37,8 @@ from etude.report import build_report, number
 from etude.trajectories import PointToPoint
 from etude.types import Motion
 
+pytestmark = pytest.mark.as_logged
+
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> Campaign:

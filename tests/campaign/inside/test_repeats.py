@@ -26,6 +26,8 @@ from etude.logs import read_log_file
 from etude.protocols import Trajectory
 from etude.trajectories import from_json
 
+pytestmark = pytest.mark.as_logged
+
 QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nreference_points = 30\n"
 CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK + ALONE
 

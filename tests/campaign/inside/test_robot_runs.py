@@ -57,6 +57,8 @@ from etude.errors import (
 from etude.logs import read_log_file
 from etude.types import Array
 
+pytestmark = pytest.mark.as_logged
+
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Robot, Any]:

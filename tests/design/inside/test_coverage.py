@@ -56,6 +56,30 @@ class Corridor:
         return np.asarray(motion.orders[0])
 
 
+@dataclass(frozen=True, eq=False)
+class WeakDrives:
+    """Drives that hold the robot within 0.3 of one pose: most poses that are clear are none to rest at."""
+
+    pose: Array
+    name: str = "torque"
+
+    def blocked(self, form: str, pose: Array) -> str:
+        return "" if np.linalg.norm(pose - self.pose) <= 0.3 else "the torque of x"
+
+    def cones(self, family: Family) -> list[Cone]:
+        return []
+
+    def penalty(self, motion: Motion) -> tuple[float, Array]:
+        return 0.0, np.zeros_like(motion.orders)
+
+    def prove(self, piece: Trajectory) -> list[Proof]:
+        far = float(np.linalg.norm(way(piece) - self.pose, axis=1).max())
+        return [Proof("both", "torque", -np.inf, 0.3, 0.0, far, "samples")]
+
+    def of_motion(self, motion: Motion) -> Array:
+        return np.asarray(motion.orders[0])
+
+
 LIMITS = (
     AxisLimit("position", 0, NAMES, -ENDS, ENDS),
     AxisLimit("velocity", 1, NAMES, -2.0 * np.ones(2), 2.0 * np.ones(2), rest=True),
@@ -104,6 +128,20 @@ def test_candidates_go_through_a_corridor_farther_than_any_box() -> None:
         assert all(row.proved_upper <= 0.41 for row in LIMITS[3].prove(one.trajectory))
         assert np.ptp(way(one.trajectory), axis=0).max() > 2.0, "a clear box about home is 0.8 wide"
         np.testing.assert_allclose(np.ptp(way(one.family.trajectory(one.standing)), axis=0), 0.0, atol=1e-12)
+
+
+def test_motions_are_centred_where_drives_hold_the_robot() -> None:
+    """One pose in fifty, so that random ones alone would hardly find any."""
+    reach = Reachable(-ENDS, ENDS, poses())
+    roam = ReachablePoses(reach, VisitedTimes.nothing(reach), 30.0)
+    weak = WeakDrives(np.array([2.0, 0.0]))
+    held = [pose for pose in reach.poses if not weak.blocked("", pose)]
+    assert 0 < len(held) <= len(reach.poses) // 15
+    for seed in range(5):
+        roamed = ClearPoseSource.of(FAMILY, (*LIMITS, weak), roam, "scaled")
+        for one in roamed.candidates(np.random.default_rng(seed), 24):
+            assert weak.prove(one.trajectory)[0].proved_upper <= 0.3
+            assert np.ptp(way(one.trajectory), axis=0).max() > 0.02, "it moves"
 
 
 def test_each_side_is_widened_by_itself() -> None:

@@ -134,6 +134,7 @@ def test_no_proof_is_made_of_what_samples_refute_and_the_result_is_proved() -> N
     assert not plain.proved(family, home + (found - home) * 1.01)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_candidates_are_drawn_home_only_while_they_can_win(
     seed: int, monkeypatch: pytest.MonkeyPatch

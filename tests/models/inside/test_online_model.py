@@ -154,7 +154,7 @@ def test_commands_are_finite_within_their_limits_and_the_same_when_replayed(mode
         rng = np.random.default_rng(5)
         online = OnlineModel(model, list(CHANNELS.values()), None, narrow, CONFIG, RATE, rng)
         rows = []
-        for t, row in ticks(6.0):
+        for t, row in ticks(4.0):
             rows.append(np.concatenate(online.command(t, planned(t))))
             online.observe(t, row)
         runs.append(np.array(rows))

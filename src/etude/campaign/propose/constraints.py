@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from etude.abilities import SupportsLargestError
+from etude.campaign.propose.known_speeds import with_known_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under, in_words, run_under, speaks_of
 from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
@@ -86,7 +87,8 @@ class Constraints:
     def _build_limits(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
         of = campaign.described_limits if described else campaign.limits
         limits, ran = of(margins, self.model(campaign)), self._learned_motion(campaign)
-        return limits if ran is None else after_run(limits, ran)
+        limits = limits if ran is None else after_run(limits, ran)
+        return limits if self.model(campaign) is None else with_known_speeds(campaign, self.number, limits)
 
     def _learned_motion(self, campaign: Campaign) -> Trajectory | None:
         """The motion of the log that the model learned last, if known; a slower copy needs less."""

@@ -14,12 +14,13 @@ from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.propose.approach import There, clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.export import GROUP, accelerated_by
+from etude.campaign.propose.known_speeds import peak_speeds
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
 from etude.campaign.run.run_history import FULL
-from etude.campaign.run.supervision import bounds_for, peak_speeds
+from etude.campaign.run.supervision import bounds_for
 from etude.deploy.playback_certificate import certified_playback, learned_part
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned

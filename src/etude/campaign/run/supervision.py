@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.campaign.propose.constraints import Constraints, ranges_of
+from etude.campaign.propose.known_speeds import MOST_FASTER, peak_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event
 from etude.campaign.record.folder import Campaign
@@ -31,8 +32,6 @@ STRONGER = 1.05  # the same of commands, which drives cut at their limit
 DEVIATIONS, OF_DRIVE = 4.0, 0.05
 """Deviations of the model, and part of what a drive can give, below which no residual of commands stops a
 motion: another form of motion errs by more than those that were recorded."""
-MOST_BEYOND = 2.0
-"""Times the recorded speeds that widen the bound of residuals; faster than that a motion is too different."""
 
 
 def bounds_for(
@@ -131,13 +130,7 @@ def _beyond_recorded(
         return 1.0
     fastest, now = np.max(before, axis=0), peak_speeds(trajectory)
     ratio = np.divide(now, fastest, out=np.ones_like(now), where=fastest > 0.0)
-    return min(max(1.0, float(ratio.max())), MOST_BEYOND) ** 2
-
-
-def peak_speeds(trajectory: Trajectory) -> Array:
-    """(k,) rad/s or m/s, among samples every 10 ms."""
-    t = np.linspace(0.0, trajectory.duration, 2 + int(100.0 * trajectory.duration))
-    return np.asarray(np.abs(trajectory.motion(t, 2).orders[1]).max(axis=0))
+    return min(max(1.0, float(ratio.max())), MOST_FASTER) ** 2
 
 
 def _residual_bound(

@@ -228,7 +228,7 @@ def test_gravity_that_is_taken_out_is_asked_about() -> None:
     assert sign_decision([left], Q, Body(), force=False).level == "silent"  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("seconds", [-0.04, 0.04, 0.06])
+@pytest.mark.parametrize("seconds", [-0.04, pytest.param(0.04, marks=pytest.mark.slow), 0.06])
 def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -> None:
     wrong = late(moved(), seconds)
     found = decided(wrong)
