@@ -14,7 +14,8 @@ from etude import cli, tell
 from etude.campaign import Campaign
 from etude.storage import sha256_of
 
-LINEAR = f'{SHORT}[model]\nrung = "linear"\n'
+LINEAR = f'{SHORT}[model]\nrung = "linear"\ncandidates = ["default"]\n'
+pytestmark = pytest.mark.as_logged
 Learn = Callable[..., tuple[int, list[dict[str, Any]]]]
 
 

@@ -22,6 +22,7 @@ import etude  # noqa: E402
 from etude.campaign import ask_to_confirm, open_campaign  # noqa: E402
 from etude.errors import UsageError  # noqa: E402
 
+pytestmark = pytest.mark.as_logged
 MASS, CENTRE = 3.0, (0.1, 0.0, 0.0)
 INERTIA = [0.01, 0.01, 0.01, 0.0, 0.0, 0.0]
 PAYLOAD = f"\n[payload]\nmass = {MASS}\ncentre = {list(CENTRE)}\ninertia = {INERTIA}\n"

@@ -30,12 +30,12 @@ import etude
 from etude.types import Motion
 from etude_online import open_online
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.as_logged]
 UNTRAINED = 4
 SMALL = 1e-12
 """Of each command's limit."""
 EVERYDAY = {
-    "physics": {"rung": "identified+gp", "candidates": ["default", "standing", "slow"]},
+    "physics": {"rung": "identified+gp", "candidates": ["default", "slow"]},
     "process": {"rung": "gp", "candidates": ["default"]},
 }
 STRUCTURES: dict[str, dict[str, Any]] = {

@@ -17,6 +17,8 @@ from etude.campaign.ingest.questions import body_of
 from etude.protocols import Trajectory
 from etude.types import Array, Log
 
+pytestmark = pytest.mark.as_logged
+
 LINK = """<link name="{name}"><inertial><origin xyz="{far} 0 0"/><mass value="{mass}"/>
 <inertia ixx="0.002" iyy="{spin}" izz="{spin}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 JOINT = """<joint name="{name}" type="revolute"><parent link="{above}"/><child link="{below}"/>

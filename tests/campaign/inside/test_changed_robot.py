@@ -20,6 +20,8 @@ from etude.cli import main
 from etude.errors import UsageError
 from etude.types import Array
 
+pytestmark = pytest.mark.as_logged
+
 CHANGES: dict[str, Callable[[Array, Array, Array], Array]] = {
     "a load was taken up": lambda q, qd, qdd: command_of(q, qd, qdd) + 1.5 * np.sin(q) + 0.7 * qdd,
     "friction has changed": lambda q, qd, qdd: command_of(q, qd, qdd) + 1.0 * np.tanh(qd / 0.05),

@@ -27,6 +27,8 @@ from etude.campaign.record.journal import damaged_files
 from etude.cli import main
 from etude.errors import DataError, UsageError
 
+pytestmark = pytest.mark.as_logged
+
 
 def many(campaign: Campaign, paths: list[Path], **options: Any) -> IngestedMany:
     found = tell(campaign, paths, **{"learner": stub_learner, **options})

@@ -221,7 +221,7 @@ def test_a_robot_that_takes_its_feedforward_ahead_learns_nothing_on_the_way(arm)
     assert main(["simulate", str(arm.path), "--online", "--method", "magic", "--rounds", "1"]) == 2
 
 
-@pytest.mark.parametrize("feedforward", [False, True])
+@pytest.mark.parametrize("feedforward", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_motions_that_teach_are_run_with_what_was_learned_if_wanted(
     arm: Campaign, monkeypatch: pytest.MonkeyPatch, feedforward: bool
 ) -> None:

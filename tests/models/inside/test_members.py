@@ -67,6 +67,7 @@ def test_what_variances_are_at_most_they_are(name, models) -> None:
     assert np.all(bound >= variance * (1.0 - 1e-9))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", SHARED)
 def test_it_shares_a_kernel_over_several_commands(name, tmp_path) -> None:
     model = train(trajectories(2), replace(TOGETHER, process=name, basis=30, steps=6))
@@ -175,6 +176,7 @@ def test_training_goes_on_from_a_model_of_any_member(name, models) -> None:
             np.testing.assert_array_equal(new.theta, old.theta)
 
 
+@pytest.mark.thinned(2)
 @NAMES
 def test_one_trajectory_is_enough(name) -> None:
     model = train(trajectories(1), config(name))
