@@ -17,7 +17,7 @@ from test_payload import carrying
 
 from etude import tell
 from etude.campaign import Campaign, create_campaign, inspect
-from etude.campaign.ingest.questions import body_of
+from etude.campaign.ingest.questions import body_of, file_findings_of
 from etude.campaign.ingest.tell import surveyed
 from etude.errors import DataError
 from etude.logs import Mendable
@@ -145,6 +145,21 @@ def test_a_joint_that_turns_the_other_way_is_named_and_its_columns_are_turned(
     with (tmp_path / "turned" / "campaign.toml").open("a") as config:
         config.write("\n".join(["[log.columns]", *lines, ""]))
     assert [f for f in inspect(path, tmp_path / "turned").findings if f.flag] == []
+
+
+def test_positions_of_one_joint_that_are_late_are_asked_about(lab: Campaign, tmp_path: Path) -> None:
+    """By the file alone, whatever its own commands say."""
+    path = log_of(tmp_path / "run.csv", lab, masses=np.array([1.0, 1.2, 0.8]))
+    t, *rows = np.loadtxt(path, delimiter=",", skiprows=1).T
+    q, command = np.column_stack(rows[:3]), np.column_stack(rows[3:])
+    q[:, 1] = np.interp(t - 0.08, t, q[:, 1])
+    channels = {c.name: c for c in lab.channels}
+    log = Log(t, {}, {}, "run").put(channels["q"], q).put(channels["command"], command)
+    (finding,) = file_findings_of(lab.kind, lab.spec, log, {})
+    assert (finding.light, finding.flag) == ("yellow", "delay")
+    told = re.search(r"the positions of lift are (\d+) ms behind the others", finding.sentence)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(80, abs=25)
 
 
 @pytest.mark.parametrize(

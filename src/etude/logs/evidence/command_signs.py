@@ -92,6 +92,7 @@ def sign_decision(
         yield None if timed or alone is None else _reversed_rows(alone)
         yield turned
         yield signs_with_presliding(stepped, fresh, order, timed)
+        yield None if clock is None else clock.alone()
         weight = None if alone is None else _weight_question(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 

@@ -1,4 +1,4 @@
-"""Commands before or behind the motion, in all new logs alike or in some of them.
+"""Commands before or behind the motion, in all new logs alike or in some of them, or those of one joint.
 
 A delay is of a log, and not of a robot: the rows of a log tell it by themselves. One model of slow and fast
 logs together does not: what it lacks of friction at either speed outweighs a delay.
@@ -29,7 +29,7 @@ DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 def delays(evidence: JointEvidence, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)
+    whole = _joint_evidences(evidence)
     return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
@@ -61,7 +61,7 @@ def in_step(evidence: JointEvidence, shifted: Callable[[float], JointEvidence]) 
     if at_edge_of(evidence):
         return 0.0
     least_known = total[AS_LOGGED] + CERTAIN
-    by, gain = _between(evidence, best)
+    by, gain = _between(_joint_evidences(evidence), len(evidence.rows.t), best)
     if total[best] + gain >= least_known:
         between = shifted(by).variant(AS_LOGGED).whole().sum() - DELAY_PRIOR * abs(by)
         if between >= max(total[best], least_known):
@@ -72,14 +72,20 @@ def in_step(evidence: JointEvidence, shifted: Callable[[float], JointEvidence]) 
 LEAST_LEFT = 1e-3  # of what a fit leaves at the best delay tried, by a parabola that may fall below zero
 
 
-def _between(evidence: JointEvidence, best: int) -> tuple[float, float]:
-    """Refined delay (s) around the best grid point by a parabola, and its gain in log odds.
+def _joint_evidences(evidence: JointEvidence) -> Array:
+    """(m, d) log evidence of each delay by joint."""
+    return evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)
+
+
+def _between(each: Array, n: int, best: int) -> tuple[float, float]:
+    """Refined delay (s) around the best grid point by a parabola, and its gain in log odds; of n rows, with
+    evidences (m, d).
 
     The residual variance of a command is quadratic in a small shift, since the command is linear in it. The
     log evidence is minus half the logarithm of that variance for each row.
     """
-    n, near = len(evidence.rows.t), slice(best - 1, best + 2)
-    whole = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)[:, near]
+    near = slice(best - 1, best + 2)
+    whole = each[:, near]
     left = np.exp(-2.0 / n * (whole - whole[:, 1:2])).mean(axis=0)
     bend = np.polyfit(DELAYS[near], left, 2)
     by = float(np.clip(-0.5 * bend[1] / bend[0], DELAYS[best - 1], DELAYS[best + 1]))
@@ -98,7 +104,7 @@ def refined(late: float, shifted: Callable[[float], JointEvidence]) -> float:
         best = int(delays(evidence, late).argmax())
         if best in (0, len(DELAYS) - 1):
             break
-        by, _ = _between(evidence, best)
+        by, _ = _between(_joint_evidences(evidence), len(evidence.rows.t), best)
         late += by
         if abs(by) < SETTLED:
             break
@@ -151,6 +157,10 @@ class Clock:
         far = far_delay(self.evidence, self._shifted, self.which) if at_edge_of(self.evidence) else None
         found = far or late(self.evidence, self.which)
         return found and replace(found, by=(refined(found.by[0], self._shifted),))
+
+    def alone(self) -> Decision | None:
+        """A question on one joint whose commands are late or early, while those of the others are not."""
+        return late_alone(self.evidence, self._shifted, self.which)
 
     def _shifted(self, late: float) -> JointEvidence:
         moved = [shifted_log(self.logs[i], late) for i in self.which]
@@ -249,6 +259,43 @@ def late(clock: JointEvidence, fresh: Sequence[int]) -> Decision | None:
 def _odds_of(evidence: JointEvidence, best: int) -> float:
     """Log odds of one of DELAYS against the likeliest short one, by the agreement of the joints."""
     near, prior = _likeliest_short(delays(evidence), best)
-    joints = evidence.delayed.whole().reshape(len(evidence.joint_indices), -1)
+    joints = _joint_evidences(evidence)
     odds = agreed(*(evidence.variant(i).by_class() for i in (best, near))) + prior
     return odds - disagreement(joints, best)
+
+
+ALONE = 0.01  # prior that one joint has a clock of its own
+
+
+def late_alone(
+    evidence: JointEvidence, shifted: Callable[[float], JointEvidence], fresh: Sequence[int]
+) -> Decision | None:
+    """A question on the joint that is likeliest late or early by itself, where others are not. None at an end
+    of the delays that are tried, or of the next ones, and where its sign is not told at that delay.
+    """
+    each = _joint_evidences(evidence)
+    total = each - DELAY_PRIOR * np.abs(DELAYS)
+    short = np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total)
+    gains = total.max(axis=1) - short.max(axis=1)
+    j, by, delayed = int(gains.argmax()), 0.0, evidence
+    others = float(gains.sum() - gains[j])  # by so much they are late, too
+    if len(each) < 2 or gains[j] - others < SAID:
+        return None
+    for _ in range(2):
+        own = _joint_evidences(delayed)[j]
+        at = int((own - DELAY_PRIOR * np.abs(np.array(DELAYS) + by)).argmax())
+        if 0 < at < len(DELAYS) - 1:
+            break
+        by += DELAYS[at]
+        delayed = shifted(by)
+    else:
+        return None
+    near, late = j * len(DELAYS) + int(short[j].argmax()), j * len(DELAYS) + at
+    odds = least(delayed.delayed.by_class()[[late]], evidence.delayed.by_class()[[near]])[0]
+    size, _ = _between(own[None], len(evidence.rows.t), at)
+    odds += np.log(ALONE / len(each)) - DELAY_PRIOR * abs(by + size) - others
+    right, inverted = delayed.delayed.take(slice(late, late + 1)).signs()
+    if odds < SAID or right[0] - inverted[0] < LIKELY:  # many delays fit a periodic motion
+        return None
+    found = (by + size, float(evidence.joint_indices[j]))
+    return evidence.decision("ask", check=DELAY, logs=tuple(fresh), by=found, odds=float(odds))

@@ -7,7 +7,7 @@ links, load and gravity may be off. Joints are weighed by what is left of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -76,22 +76,14 @@ class FileFit:
 
     def turned(self, signs: Array) -> Array:
         """(n, k) the file's torque if joints with signs (k,) of -1 turn the other way."""
-        return np.asarray(self.moved(signs) * signs)
-
-    def moved(self, factors: Array) -> Array:
-        """(n, k) the file's torque if true positions are (k,) times those logged."""
-        return np.asarray(self.moved_each(factors[None])[0])
-
-    def moved_each(self, factors: Array) -> Array:
-        """(N, n, k) the same of each (N, k), at once."""
         rows = self.rows
-        motion = ((factors[:, None] * x).reshape(-1, x.shape[1]) for x in (rows.q, rows.qd, rows.qdd))
-        log = states_of(np.arange(len(factors) * len(rows.t), dtype=np.float64), self.path, *motion)
-        return np.asarray(self.body.predict(log)).reshape(len(factors), *rows.q.shape)
+        return np.asarray(self.along(rows.q * signs, rows.qd * signs, rows.qdd * signs) * signs)
 
-    def take(self, which: Index) -> FileFit:
-        """The fit of some of the rows."""
-        return replace(self, rows=self.rows.take(which))
+    def along(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(..., n, k) the file's torque along other motions (..., n, k)."""
+        motion = [x.reshape(-1, x.shape[-1]) for x in (q, qd, qdd)]
+        states = states_of(np.arange(len(motion[0]), dtype=np.float64), self.path, *motion)
+        return np.asarray(self.body.predict(states)).reshape(q.shape)
 
     def follow(self, signs: Array) -> Mask:
         """(k,) whether each command follows the file's torque if joints turn the other way."""

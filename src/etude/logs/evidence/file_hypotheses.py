@@ -32,8 +32,8 @@ from etude.logs.evidence.file_fit import (
     fit_of,
     score_of_masses,
 )
-from etude.logs.evidence.position_factors import gear_of
 from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
+from etude.logs.evidence.wrong_positions import wrong_positions
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log
 
@@ -87,7 +87,7 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None, limit: 
     turned = None if new is None else reversed_joints(new)
     if turned is not None:
         return turned.findings(path)
-    tried = (zero_of(fit), None if new is None else gear_of(new))  # whatever the units
+    tried = (zero_of(fit), None if new is None else wrong_positions(new))  # whatever the units
     found = [one for one in tried if one is not None]
     if found:  # near one pose either looks like the other
         least = max(one.odds for one in found) - AHEAD

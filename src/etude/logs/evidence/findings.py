@@ -41,7 +41,7 @@ def finding_of(
     elif decision.check == DIRECTION:
         finding = _direction_finding(decision, where)
     elif decision.check == DELAY:
-        return _delay_finding(decision, where)
+        return _delay_finding(decision, parts, where)
     else:
         return _gravity_finding(decision)
     learned = [_log_description(sources[i], old[i]) for i in decision.logs if i < len(old)]
@@ -242,9 +242,14 @@ def _direction_finding(decision: Decision, where: str) -> Finding:
     )
 
 
-def _delay_finding(decision: Decision, where: str) -> Finding:
+def _delay_finding(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     late = decision.by[0]
     direction = "behind" if late > 0.0 else "ahead of"
+    if len(decision.by) > 1:
+        joint = parts[int(decision.by[1])]
+        fact = f"The commands of {joint} alone are {1e3 * abs(late):.0f} ms {direction} its motion{where}"
+        step = f"Check the clocks of {joint} and of what moves it, and record again; {accepted(DELAY)}."
+        return Doubt(DELAY, "yellow", f"{fact} ({_odds(decision)}).", step, DELAY, by=decision.by)
     fact = f"The commands are {1e3 * abs(late):.0f} ms {direction} the motion{where} ({_odds(decision)})."
     if decision.level == "note":
         step = "Ingestion shifts them by this time."

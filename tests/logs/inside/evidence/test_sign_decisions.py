@@ -11,7 +11,7 @@ import pytest
 from made_motion import COMMAND, DRY, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
 from scipy.ndimage import gaussian_filter1d
 
-from etude.logs import Decision, finding_of, sign_decision
+from etude.logs import Decision, Mendable, finding_of, sign_decision
 from etude.logs.checks.exact import LIKELY
 from etude.logs.checks.plausibility import repaired
 from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of, signs_with_presliding
@@ -240,6 +240,20 @@ def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -
     right = np.interp(mended.t, moved().t, moved()["command"][:, 0])
     # commands change by 100 N m/s at most: 3 ms of them
     np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.3)
+
+
+@pytest.mark.parametrize("joint", [1, *(pytest.param(own, marks=pytest.mark.slow) for own in (0, 2))])
+def test_commands_of_one_joint_that_are_late_are_asked_about(joint: int) -> None:
+    """Its drive reports later than those of the others; no model file tells it."""
+    one = np.arange(len(NAMES)) == joint
+    wrong = with_command(moved(), np.where(one, late(moved(), 0.08)["command"], moved()["command"]))
+    found = decided(wrong)
+    assert (found.level, found.check, found.by[1:]) == ("ask", "delay", (joint,))
+    assert found.by[0] == pytest.approx(0.08, abs=0.02)
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert f"commands of {NAMES[joint]} alone are" in said.sentence
+    assert said.flag == "delay"
+    assert not isinstance(said, Mendable)
 
 
 def rough(log: Log, size: float) -> Log:
