@@ -1,10 +1,10 @@
 """exp of the exponents of a kernel, many at once: where most of the time of Gaussian processes goes.
 
 NumPy calls the C library for each number where the processor has no AVX-512. This is the same algorithm,
-compiled into the loop, so that the processor works on several numbers at once; results are the same bits as those of
-glibc 2.36, and the same on every processor. With x = k ln 2 / 128 + r, exp(x) is 2^(k / 128) exp(r): a table
-and a polynomial in r. Source: Szabolcs Nagy, exp.c of Arm Optimized Routines, 2018, whose coefficients these
-are. docs/decisions/0069-loop-compiler.md has the times.
+compiled into the loop, so that the processor works on several numbers at once; results are the same bits as
+those of glibc 2.36, and the same on every processor. With x = k ln 2 / 128 + r, exp(x) is 2^(k / 128) exp(r):
+a table and a polynomial in r. Source: Szabolcs Nagy, exp.c of Arm Optimized Routines, 2018, whose
+coefficients these are. docs/decisions/0069-loop-compiler.md has the times.
 """
 
 from __future__ import annotations
