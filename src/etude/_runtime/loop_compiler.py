@@ -140,6 +140,7 @@ def loops(
     return lambda function: CompiledLoops(function, columns, exact=exact)
 
 
+@lru_cache
 def fused_in_one_instruction() -> bool:
     """Whether this processor multiplies and adds in one step; if not, `fused` is slow."""
     return platform.machine().lower() not in ("x86_64", "amd64") or bool(llvm.get_host_cpu_features()["fma"])

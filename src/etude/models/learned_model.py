@@ -33,6 +33,7 @@ from etude.models.student_t import StudentT
 from etude.models.trust import known_in_training, outside, thresholds, trusted
 from etude.progress import counted
 from etude.protocols import Candidate, Inputs, Mean, Posterior, Process, Trajectory
+from etude.threads import threads_for
 from etude.types import Array, Channel, Column, Log, Mask
 
 _InUse = tuple[Candidate, list[int]]
@@ -388,6 +389,7 @@ class LearnedModel:
     def _faded(self, average: Array, unknown: Array, means: Means) -> Array:
         return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)
 
+    @threads_for(0)  # products are as narrow as the inputs; large ones inside ask for more threads
     def _predicted(
         self, means: Means, each: _Each, ask: _Ask = _predict, X: Array | None = None
     ) -> tuple[Array, Array, Array]:
