@@ -29,9 +29,9 @@ OF_FILE = "Torques: Coulomb and viscous friction are those of the model file."
 NO_MOTION = "No motion is possible with the numbers of the model file"
 """Beginning of a sentence that refuses every motion while the robot's `confirm` contains it."""
 MEND = (
-    "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and remove "
-    "the line about them from confirm there. If the limits are not real (placeholders, weight carried by "
-    "springs), only remove the line: forces are then not verified."
+    "Correct command (or torque) of [[axis]] in robot.toml, and remove the line about them from confirm "
+    "there. With corrected masses begin anew: etude init FOLDER --robot FILE. If the limits are not real "
+    "(placeholders, weight carried by springs), only remove the line: forces are then not verified."
 )
 _cached_limits: dict[str, CommandLimit | OpenCommands] = {}
 

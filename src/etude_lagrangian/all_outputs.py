@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from etude._runtime.loop_compiler import Part, loops
 from etude.types import Array
-from etude_lagrangian.loop_compiler import Part, loops
 
 WIDTH = 32  # columns in a strip: a multiple of a processor's lanes
 LEAST = 1e-9  # a factor may be divided out again
@@ -435,7 +435,7 @@ def _work(joints: int, more: int) -> Array:
     return np.zeros((BLOCKS + joints * SIZE + more, WIDTH))
 
 
-@loops(work=WIDTH)
+@loops({"work": WIDTH})
 def _sweep_all(
     work: Array, p: Array, F: Array, Z: Array, pairs: int, G: Array, back: int, dF: Array, dp: Array
 ) -> None:
@@ -470,7 +470,7 @@ def means_all(p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
     _means_all(_work(F.shape[1], F.shape[1]), p, F, Z, alpha, out)
 
 
-@loops(work=WIDTH)
+@loops({"work": WIDTH})
 def _means_all(work: Array, p: Array, F: Array, Z: Array, alpha: Array, out: Array) -> None:
     J, n, m = F.shape[1], F.shape[2], Z.shape[2]
     weights = BLOCKS + J * SIZE

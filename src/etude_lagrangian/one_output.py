@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from etude._runtime.loop_compiler import Part, loops
 from etude.types import Array
-from etude_lagrangian.loop_compiler import Part, loops
 
 WIDTH = 64  # columns in a strip: a multiple of a processor's lanes
 EVERY, LOWER, SELF = 0, 1, 2
@@ -359,7 +359,7 @@ def sweep(
     _sweep(work, k, p, F, Z, pairs, G, back, dF, dp)
 
 
-@loops(work=WIDTH)
+@loops({"work": WIDTH})
 def _sweep(
     work: Array, k: int, p: Array, F: Array, Z: Array, pairs: int, G: Array, back: int, dF: Array, dp: Array
 ) -> None:

@@ -12,6 +12,8 @@ from small_robot import SHORT, make_campaign, write_log
 from etude import ask, cli, plugins
 from etude.campaign import Campaign, stored_trajectory
 
+pytestmark = pytest.mark.as_logged
+
 KERNELS = """
 from etude.models import SquaredExponential
 

@@ -83,7 +83,6 @@ def runs_on(self: FakeRobot, q: Array, qd: Array, qdd: Array, effort: Array | No
     self.qd += 0.1
 
 
-@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "changes",
     [

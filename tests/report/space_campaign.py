@@ -75,7 +75,7 @@ def write_space(folder: Path, *, ran: bool = False) -> FourierTrajectory:
     (folder / "campaign.toml").write_text(config_text(DEFAULT, KIND))
     commit(folder, "created", None, "0" * 64, [], seed=3)
     robot, rng = KIND.spec(folder / "robot.toml"), np.random.default_rng(1)
-    trajectory = proposed(folder, robot, 1, rng)
+    trajectory = proposed(folder, robot, 1, 1)
     if ran:
         told(folder, robot, trajectory, 1, rng)
     return trajectory

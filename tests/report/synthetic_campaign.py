@@ -49,7 +49,7 @@ def write_campaign(
     if evaluated:
         _evaluate_baselines(folder, robot.dof)
     for number in range(1, rounds + 2):
-        trajectory = proposed(folder, robot, number, rng)
+        trajectory = proposed(folder, robot, number, 70 + number)
         if number <= rounds:
             told(folder, robot, trajectory, number, rng)
             _train(folder, robot.dof, number, rng)
@@ -69,15 +69,27 @@ def write_robot(folder: Path, robot: ArmSpec) -> None:
     write_atomic(folder / "robot.toml", "\n".join([*lines, ""]).encode())
 
 
-def proposed(folder: Path, robot: ArmSpec, number: int, rng: np.random.Generator) -> FourierTrajectory:
+DRAWN: dict[tuple[str, int], tuple[FourierTrajectory, str]] = {}
+
+
+def drawn(robot: ArmSpec, seed: int) -> tuple[FourierTrajectory, str]:
+    """A trajectory and its certificate, the same in every campaign of the robot."""
+    key = (repr(robot), seed)
+    if key not in DRAWN:
+        limits = KIND.limits(robot, DEFAULT, None, {})
+        family = FourierFamily.of(FourierConfig(duration=SECONDS), robot.dof)
+        feasible = FeasibleSet.of(limits, family, KIND.home(robot))
+        trajectory = family.trajectory(uniform(np.random.default_rng(seed), feasible)[0])
+        DRAWN[key] = trajectory, certify(trajectory, limits).to_json()
+    return DRAWN[key]
+
+
+def proposed(folder: Path, robot: ArmSpec, number: int, seed: int) -> FourierTrajectory:
     """A trajectory with its certificate, asked for and committed."""
-    limits = KIND.limits(robot, DEFAULT, None, {})
-    family = FourierFamily.of(FourierConfig(duration=SECONDS), robot.dof)
-    feasible = FeasibleSet.of(limits, family, KIND.home(robot))
-    trajectory = family.trajectory(uniform(rng, feasible)[0])
+    trajectory, certificate = drawn(robot, seed)
     place = folder / "proposals" / f"{number:04d}"
     write_atomic(place / "trajectory.json", trajectory.to_json().encode())
-    write_atomic(place / "certificate.json", certify(trajectory, limits).to_json().encode())
+    write_atomic(place / "certificate.json", certificate.encode())
     files = [place / "trajectory.json", place / "certificate.json"]
     commit(folder, "asked", number, CONFIG, files, status="converged", seconds=1.2)
     return trajectory

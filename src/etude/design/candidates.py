@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -441,17 +440,17 @@ class ClearPoseSource:
         """
         poses, visited = self.roam.reach.poses, self.roam.visited
         unvisited = ~visited.bins(self.roam.total)
-        order = rng.permutation(len(poses)).tolist()
+        order = rng.permutation(len(poses))
         chosen: list[Array] = []
-        some = np.array([*islice(filter(self._allows_rest, order), 8 * count)], dtype=np.int64)
+        some = order[: 8 * count]
         gain = np.array([(visited.counts(poses[i : i + 1]) * unvisited).sum() for i in some])
         most = iter(some[np.argsort(-gain, kind="stable")].tolist())
-        any_ = filter(self._allows_rest, reversed(order))
+        any_ = iter(order[::-1].tolist())
         while len(chosen) < count:
             i = next(most if len(chosen) % 2 == 0 else any_, None)
             if i is None:
                 chosen.append(poses[0])
-            elif float(whole.gauge(stand(poses[i])).max(initial=0.0)) <= WELL_INSIDE:
+            elif float(whole.gauge(stand(poses[i])).max(initial=0.0)) <= WELL_INSIDE and self._allows_rest(i):
                 chosen.append(poses[i])
         return chosen
 

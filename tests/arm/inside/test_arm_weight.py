@@ -163,6 +163,7 @@ def test_from_init_to_ask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     said = capsys.readouterr().err
     assert "takes 8.829 N m of 0.6" in said
     assert "confirm" in said
+    assert "With corrected masses begin anew: etude init" in said, "a campaign refuses another model file"
     assert not list((lab / "proposals").glob("*/*")), "nothing is written"
     robot = lab / "robot.toml"
     robot.write_text("".join(s for s in robot.read_text().splitlines(keepends=True) if NO_MOTION not in s))

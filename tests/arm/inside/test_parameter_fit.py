@@ -170,7 +170,6 @@ def test_intervals_hold_friction_that_turns_at_an_unknown_speed(robot: tuple[Arm
     assert np.mean(inside) >= 0.85
 
 
-@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("term", "law"),
     [

@@ -18,6 +18,8 @@ from etude import ask, load_model, status, tell
 from etude.campaign import Evaluated, event_from_json, event_to_json, open_campaign
 from etude.campaign.record.events import FACTS, plain
 
+pytestmark = pytest.mark.as_logged
+
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 

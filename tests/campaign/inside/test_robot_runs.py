@@ -384,9 +384,10 @@ def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(
     assert ("; at rest there the model file expects 3.21 N m." in said) == (part == 1.0)
     assert "Remove the cause, then: etude run" in said
     assert (
-        f"limits, masses or home in robot.toml, and write another motion: etude ask {campaign.path} --new"
+        f"correct limits or home in robot.toml, and write another motion: etude ask {campaign.path} --new"
         in said
     )
+    assert "With corrected masses begin anew: etude init" in said, "a campaign refuses another model file"
 
 
 def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from etude.campaign.record.stored_models import SIMULATED
 from etude.codes import Notice, Warn
 from etude.errors import UsageError
 
+pytestmark = pytest.mark.as_logged
+
 LINK = (
     '<link name="{0}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
     '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'

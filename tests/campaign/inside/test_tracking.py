@@ -20,6 +20,8 @@ from etude.trajectories import FourierTrajectory, PointToPoint
 from etude.types import Proof
 from journal_facts import fact
 
+pytestmark = pytest.mark.as_logged
+
 RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n' + ALONE
 
 

@@ -51,7 +51,7 @@ def build(folder: Path, delivered: Delivered) -> None:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)
     include = f"include/{PACKAGE}"
-    run([tool("gcc"), "-std=c99", "-O1", f"-I{include}", "-c", "src/arm4.c", "-o", "model.o"], folder)
+    run([tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", "src/arm4.c", "-o", "model.o"], folder)
     header = f'-DHEADER="{PACKAGE}/feedforward.hpp"'
     flags = [*STRICT, "-Iinclude", f"-I{include}", f"-I{HERE / 'ros2_stubs'}", f"-DPACKAGE={PACKAGE}", header]
     sources = ["src/feedforward.cpp", str(HERE / "ros2_drive.cpp"), "model.o"]

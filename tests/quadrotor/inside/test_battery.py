@@ -47,7 +47,7 @@ def test_a_voltage_that_helps_is_one_more_input() -> None:
     assert QuadrotorInputs(battery_voltage=False).fitted(samples).volts is None
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "samples",
     [

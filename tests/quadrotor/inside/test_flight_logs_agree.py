@@ -115,7 +115,7 @@ def inspected(folder: Path, own: Array, *more: str) -> int:
     return main(["inspect", str(path), "--robot", str(ROBOT), *more])
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("case", list(WRONG))
 def test_columns_that_contradict_each_other_are_named(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -262,10 +262,12 @@ class RobotSession:
         slow = motion.speed == slowest(motion.control)
         if not weak and not slow:
             return ""
-        mend = "limits, masses or home" if slow else "its velocity and acceleration"
+        mend = "limits or home" if slow else "its velocity and acceleration"
+        # the model file is part of the campaign, which refuses another one
+        masses = " With corrected masses begin anew: etude init FOLDER --robot FILE." if slow else ""
         return (
             f"{weak} If it stops there again without an obstacle, correct {mend} in robot.toml, and write "
-            f"another motion: etude ask {typed(self.campaign.path)} --new."
+            f"another motion: etude ask {typed(self.campaign.path)} --new.{masses}"
         )
 
     def _too_weak(self, recording: Recording) -> str:

@@ -75,14 +75,15 @@ def exponentials(left: Array, right: Array, most: float) -> Array:
 
     The diagonal's exponent is `most`, and no other is above it.
     """
+    from etude.models.gp.exponential import exponentials_in_place  # loads a compiler
+
     out = np.empty((len(left), len(left)), order="F")
     diagonal = diagonal_of(out)
     for rows, columns in panels(len(left)):
-        exponents = np.matmul(right[columns], left[rows].T, out=out[rows, columns].T)
+        np.matmul(right[columns], left[rows].T, out=out[rows, columns].T)
         diagonal[columns] = most
-        if exponents.max() > most:  # by rounding, where two inputs are as good as the same
-            np.minimum(exponents, most, out=exponents)
-        np.exp(exponents, out=exponents)
+        # at most `most`: rounding may exceed it where two inputs are as good as the same
+        exponentials_in_place(out.T, most, columns, rows)
     return out
 
 

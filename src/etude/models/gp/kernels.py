@@ -193,13 +193,12 @@ def _right(V: Array) -> Array:
 
 
 def _exponential(left: Array, right: Array, log_s0: float) -> Array:
+    from etude.models.gp.exponential import exponentials_in_place  # loads a compiler
+
     K: Array = left @ right.T
-    most = 2.0 * log_s0
-    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow. That is
-    # seldom and looking for it is cheap; a minimum with a number, not a row, takes as long as the exponential
-    if K.max(initial=most) > most:
-        np.minimum(K, np.full(K.shape[1], most), out=K)
-    return np.exp(K, out=K)
+    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow
+    exponentials_in_place(K, 2.0 * log_s0, slice(None), slice(None))
+    return K
 
 
 def _weighted_sums(G: Array, K: Array, U: Array) -> tuple[Array, Array]:

@@ -13,14 +13,18 @@ import ctypes
 import hashlib
 import inspect
 import os
+import platform
+import struct
 import tempfile
 import textwrap
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import llvmlite
@@ -43,6 +47,8 @@ BINARY: Mapping[type[ast.operator], tuple[str, str, Callable[[Any, Any], Any]]] 
     ast.Div: ("", "fdiv", lambda a, b: a / b),
     ast.FloorDiv: ("sdiv", "", lambda a, b: a // b),
     ast.Mod: ("srem", "", lambda a, b: a % b),
+    ast.BitAnd: ("and_", "", lambda a, b: a & b),
+    ast.LShift: ("shl", "", lambda a, b: a << b),
 }
 """Of each operator: LLVM's for integers, LLVM's for reals, Python's. Integers are not negative where they are
 divided."""
@@ -91,10 +97,13 @@ class CompiledLoops:
             integers.
         columns: of the arrays whose last axis has a fixed size, by name: the compiler then knows that their
             rows do not overlap.
+        exact: every sum and product is rounded where it stands, as in Python; else `MATHS`.
     """
 
-    def __init__(self, function: Callable[..., None], columns: Mapping[str, int]) -> None:
-        self.function, self.columns = function, columns
+    def __init__(
+        self, function: Callable[..., None], columns: Mapping[str, int], *, exact: bool = False
+    ) -> None:
+        self.function, self.columns, self.exact = function, columns, exact
         self._made: dict[tuple[int, ...], tuple[Any, Any]] = {}
         self._lock = threading.Lock()
 
@@ -120,24 +129,46 @@ class CompiledLoops:
     def _make(self, axes: tuple[int, ...]) -> tuple[Any, Any]:
         with self._lock:
             if axes not in self._made:
-                self._made[axes] = _loaded(self.function, axes, self.columns)
+                self._made[axes] = _loaded(self, axes)
             return self._made[axes]
 
 
-def loops(**columns: int) -> Callable[[Callable[..., None]], CompiledLoops]:
-    """Decorator: `CompiledLoops` with these fixed numbers of columns."""
-    return lambda function: CompiledLoops(function, columns)
+def loops(
+    columns: Mapping[str, int] = MappingProxyType({}), *, exact: bool = False
+) -> Callable[[Callable[..., None]], CompiledLoops]:
+    """Decorator: `CompiledLoops`."""
+    return lambda function: CompiledLoops(function, columns, exact=exact)
+
+
+def fused_in_one_instruction() -> bool:
+    """Whether this processor multiplies and adds in one step; if not, `fused` is slow."""
+    return platform.machine().lower() not in ("x86_64", "amd64") or bool(llvm.get_host_cpu_features()["fma"])
+
+
+def fused(a: float, b: float, c: float) -> float:
+    """a b + c, rounded once."""
+    return float(Fraction(a) * Fraction(b) + Fraction(c))
+
+
+def bits(value: float) -> int:
+    """The bits of a double as a signed integer."""
+    return int.from_bytes(struct.pack("<d", value), "little", signed=True)
+
+
+def number(first: int, second: int) -> float:
+    """The double whose bits are the sum of these, modulo 2^64."""
+    (value,) = struct.unpack("<d", ((first + second) % 2**64).to_bytes(8, "little"))
+    return float(value)
 
 
 # --- from a machine's code to a function ------------------------------------------------------------------
 
 
-def _loaded(
-    function: Callable[..., None], axes: tuple[int, ...], columns: Mapping[str, int]
-) -> tuple[Any, Any]:
+def _loaded(loops: CompiledLoops, axes: tuple[int, ...]) -> tuple[Any, Any]:
     """The function as ctypes calls it, and the engine that owns its code."""
-    name, machine = function.__name__, _machine()
-    code = _kept(function, repr((axes, sorted(columns.items()))), lambda: _object(function, axes, columns))
+    name, machine = loops.function.__name__, _machine()
+    settings = repr((axes, sorted(loops.columns.items()), loops.exact))
+    code = _kept(loops.function, settings, lambda: _object(loops, axes))
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -158,10 +189,10 @@ def _machine() -> Any:
     )
 
 
-def _object(function: Callable[..., None], axes: tuple[int, ...], columns: Mapping[str, int]) -> bytes:
+def _object(loops: CompiledLoops, axes: tuple[int, ...]) -> bytes:
     """Machine code of the function."""
     machine = _machine()
-    module = llvm.parse_assembly(str(_Maker(function, axes, columns).module))
+    module = llvm.parse_assembly(str(_Maker(loops, axes).module))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     # with loops unrolled too, LLVM takes twice as long, and the sweeps are no faster
     tuning = llvm.create_pipeline_tuning_options(speed_level=2)
@@ -241,10 +272,10 @@ class _Frame:
 class _Maker:
     """The module of one function."""
 
-    def __init__(
-        self, function: Callable[..., None], axes: tuple[int, ...], columns: Mapping[str, int]
-    ) -> None:
+    def __init__(self, loops: CompiledLoops, axes: tuple[int, ...]) -> None:
+        function, columns = loops.function, loops.columns
         self.module, self.file = ir.Module(function.__name__), inspect.getfile(function)
+        self.maths = () if loops.exact else MATHS
         kind = ir.FunctionType(ir.VoidType(), [INT] * len(axes))
         made = ir.Function(self.module, kind, function.__name__)
         self.entry = ir.IRBuilder(made.append_basic_block("variables"))
@@ -399,6 +430,8 @@ class _Maker:
                 return value
             case ast.Name(id=name):
                 found = self.frame.names[name] if name in self.frame.names else self.frame.globals.get(name)
+                if isinstance(found, np.ndarray):
+                    return self.constant(name, found)
                 return self.builder.load(found.address) if isinstance(found, Variable) else found
             case ast.Subscript(
                 value=ast.Attribute(value=array, attr="shape"), slice=ast.Constant(value=axis)
@@ -424,6 +457,17 @@ class _Maker:
                     return _BUILT_IN[name](self, *given)
         raise SyntaxError(f"loops know no {ast.unparse(expression)}")
 
+    def constant(self, name: str, values: Any) -> LaidOut:
+        """An array of doubles (n,) of the file: nothing that the function writes overlaps it."""
+        kept = self.module.globals.get(name)
+        if kept is None:
+            kind = ir.ArrayType(REAL, len(values))
+            kept = ir.GlobalVariable(self.module, kind, name)
+            kept.linkage, kept.global_constant = "internal", True
+            kept.initializer = ir.Constant(kind, values.tolist())
+        zero = ir.Constant(INT, 0)
+        return LaidOut(self.builder.gep(kept, [zero, zero]), values.shape)
+
     def binary(self, op: ast.operator, a: Any, b: Any) -> Any:
         """a op b; of two integers an integer, but for `/`."""
         whole, real, python = BINARY[type(op)]
@@ -432,7 +476,7 @@ class _Maker:
         if whole and self.made(a).type == INT and self.made(b).type == INT:
             flags = SIGNED if whole in ("add", "sub", "mul") else ()
             return getattr(self.builder, whole)(self.made(a), self.made(b), flags=flags)
-        return getattr(self.builder, real)(self.real(a), self.real(b), flags=MATHS)
+        return getattr(self.builder, real)(self.real(a), self.real(b), flags=self.maths)
 
     def compare(self, op: ast.cmpop, a: Any, b: Any) -> Any:
         """A bit."""
@@ -487,4 +531,24 @@ def _least(maker: _Maker, a: Any, b: Any) -> Any:
     return maker.select(maker.compare(ast.Lt(), b, a), b, a)
 
 
-_BUILT_IN: Mapping[str, Callable[..., Any]] = {"abs": _absolute, "min": _least}
+def _fused(maker: _Maker, a: Any, b: Any, c: Any) -> Any:
+    given = [maker.real(value) for value in (a, b, c)]
+    kind = ir.FunctionType(REAL, [REAL] * 3)
+    return maker.builder.call(maker.module.declare_intrinsic("llvm.fma", [REAL], kind), given)
+
+
+def _bits(maker: _Maker, value: Any) -> Any:
+    return maker.builder.bitcast(maker.real(value), INT)
+
+
+def _number(maker: _Maker, first: Any, second: Any) -> Any:
+    return maker.builder.bitcast(maker.builder.add(maker.made(first), maker.made(second)), REAL)
+
+
+_BUILT_IN: Mapping[str, Callable[..., Any]] = {
+    "abs": _absolute,
+    "min": _least,
+    "fused": _fused,
+    "bits": _bits,
+    "number": _number,
+}

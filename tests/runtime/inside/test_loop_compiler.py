@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from etude._runtime.loop_compiler import Part, loops
 from etude.types import Array
-from etude_lagrangian.loop_compiler import Part, loops
 
 COLUMNS = 8
 WEIGHTS, START = 2.5, 1
@@ -45,7 +45,7 @@ def every_statement(work: Array, tensor: Array, count: int, back: int, out: Arra
         work[row, 0], work[row, 1] = second, first
 
 
-compiled = loops(work=COLUMNS)(every_statement)
+compiled = loops({"work": COLUMNS})(every_statement)
 
 
 def inputs(seed: int) -> tuple[Array, Array, Array]:
@@ -93,15 +93,15 @@ def test_what_the_subset_lacks_is_named(function, named: str) -> None:
 
 def test_the_code_on_disk_is_used_again_and_a_damaged_one_is_not(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    loops(work=COLUMNS)(every_statement)(*inputs(0)[:2], 2, 0, inputs(0)[2])
+    loops({"work": COLUMNS})(every_statement)(*inputs(0)[:2], 2, 0, inputs(0)[2])
     (file,) = tmp_path.iterdir()
     whole, made = file.read_bytes(), file.stat().st_ino
     again = inputs(1)
-    loops(work=COLUMNS)(every_statement)(*again[:2], 2, 0, again[2])
+    loops({"work": COLUMNS})(every_statement)(*again[:2], 2, 0, again[2])
     assert [p.stat().st_ino for p in tmp_path.iterdir()] == [made]
     file.write_bytes(whole[:40] + b"\xcc" + whole[41:])
     other = inputs(1)
-    loops(work=COLUMNS)(every_statement)(*other[:2], 2, 0, other[2])
+    loops({"work": COLUMNS})(every_statement)(*other[:2], 2, 0, other[2])
     np.testing.assert_array_equal(other[2], again[2])
     assert file.read_bytes() == whole
 
@@ -113,5 +113,5 @@ def test_without_a_folder_that_can_be_written_it_compiles_each_time(tmp_path, mo
     work, tensor, out = inputs(3)
     expected = out.copy()
     every_statement(work.copy(), tensor, 2, 1, expected)
-    loops(work=COLUMNS)(every_statement)(work, tensor, 2, 1, out)
+    loops({"work": COLUMNS})(every_statement)(work, tensor, 2, 1, out)
     np.testing.assert_allclose(out, expected, rtol=1e-14)
