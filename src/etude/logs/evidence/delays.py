@@ -265,6 +265,7 @@ def _odds_of(evidence: JointEvidence, best: int) -> float:
 
 
 ALONE = 0.01  # prior that one joint has a clock of its own
+MOST_SLOW = 0.5  # of the rows of such a joint: of one burst, or of a wild position, any delay is told
 
 
 def late_alone(
@@ -305,7 +306,8 @@ def _out_of_step_alone(evidence: JointEvidence) -> tuple[int, int, float] | None
     each = _joint_evidences(evidence)
     total = each - DELAY_PRIOR * np.abs(DELAYS)
     short = np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total)
-    gains = total.max(axis=1) - short.max(axis=1)
+    slow = evidence.rows.turning[:, evidence.joint_indices].mean(axis=0)
+    gains = np.where(slow > MOST_SLOW, 0.0, total.max(axis=1) - short.max(axis=1))
     j = int(gains.argmax())
     others = float(gains.sum() - gains[j])
     # free commands where it turns round fit either direction alike
