@@ -126,21 +126,25 @@ FAULTS: tuple[Callable[[int, np.random.Generator], tuple[str, Array]], ...] = (
 )
 
 
+def driven(built: Built, rng: np.random.Generator) -> Log:
+    """A log of the arm."""
+    none = (0.0,) * len(built.limit)
+    robot = SevenJoints(friction=float(np.exp(rng.uniform(-1.5, 1.5))), sensor=none, built=built)
+    motion = robot.world.motion(rng, **one_period(float(rng.uniform(8.0, 60.0))))
+    return robot.run(motion, None, rng)
+
+
 def made(number: int, rng: np.random.Generator) -> Case:
     """An arm and its log."""
     if number % 5 < len(ARMS):
         _, log = load(Source(f"{ARMS[number % 5]}_{number}", False, seed=number))
         return Case(ARMS[number % 5], log, None)
-    built = _built(rng)
-    limits = built.limit
-    joints = len(limits)
-    robot = SevenJoints(friction=float(np.exp(rng.uniform(-1.5, 1.5))), sensor=(0.0,) * joints, built=built)
-    motion = robot.world.motion(rng, **one_period(float(rng.uniform(8.0, 60.0))))
-    log = robot.run(motion, None, rng)
-    return Case(f"{joints} joints", log, _file(built, rng) if rng.random() < 0.5 else None)
+    built = drawn_arm(rng)
+    log = driven(built, rng)
+    return Case(f"{len(built.links)} joints", log, _file(built, rng) if rng.random() < 0.5 else None)
 
 
-def _built(rng: np.random.Generator) -> Built:
+def drawn_arm(rng: np.random.Generator) -> Built:
     """The first joints of a light arm, as another maker would build it."""
     joints, speed = int(rng.integers(2, 8)), float(np.exp(rng.uniform(-2.5, 0.0)))
     links = tuple(
@@ -154,13 +158,18 @@ def _built(rng: np.random.Generator) -> Built:
 
 def _file(built: Built, rng: np.random.Generator) -> Mean:
     """What a model file with other masses says."""
+    described.cache_clear()
+    body.cache_clear()
+    return body(0.0, other_masses(built, rng))
+
+
+def other_masses(built: Built, rng: np.random.Generator) -> Built:
+    """The arm as a model file with other masses describes it."""
     off = rng.uniform(1.0 - MASSES_OFF, 1.0 + MASSES_OFF, len(built.links))
     links = tuple(
         (length, mass * by, limit) for (length, mass, limit), by in zip(built.links, off, strict=True)
     )
-    described.cache_clear()
-    body.cache_clear()
-    return body(0.0, replace(built, links=links))
+    return replace(built, links=links)
 
 
 def verdict(case: Case, fault: str, truth: Array) -> Verdict:

@@ -265,6 +265,7 @@ def _odds_of(evidence: JointEvidence, best: int) -> float:
 
 
 ALONE = 0.01  # prior that one joint has a clock of its own
+MOST_SLOW = 0.5  # of the rows of such a joint: of one burst, or of a wild position, any delay is told
 
 
 def late_alone(
@@ -273,14 +274,11 @@ def late_alone(
     """A question on the joint that is likeliest late or early by itself, where others are not. None at an end
     of the delays that are tried, or of the next ones, and where its sign is not told at that delay.
     """
-    each = _joint_evidences(evidence)
-    total = each - DELAY_PRIOR * np.abs(DELAYS)
-    short = np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total)
-    gains = total.max(axis=1) - short.max(axis=1)
-    j, by, delayed = int(gains.argmax()), 0.0, evidence
-    others = float(gains.sum() - gains[j])  # by so much they are late, too
-    if len(each) < 2 or gains[j] - others < SAID:
+    candidate = _out_of_step_alone(evidence)
+    if candidate is None:
         return None
+    j, near, others = candidate
+    by, delayed, first = 0.0, evidence, j * len(DELAYS)
     for _ in range(2):
         own = _joint_evidences(delayed)[j]
         at = int((own - DELAY_PRIOR * np.abs(np.array(DELAYS) + by)).argmax())
@@ -290,12 +288,30 @@ def late_alone(
         delayed = shifted(by)
     else:
         return None
-    near, late = j * len(DELAYS) + int(short[j].argmax()), j * len(DELAYS) + at
-    odds = least(delayed.delayed.by_class()[[late]], evidence.delayed.by_class()[[near]])[0]
-    size, _ = _between(own[None], len(evidence.rows.t), at)
-    odds += np.log(ALONE / len(each)) - DELAY_PRIOR * abs(by + size) - others
-    right, inverted = delayed.delayed.take(slice(late, late + 1)).signs()
+    late = delayed.delayed.take(slice(first + at, first + at + 1))
+    size = by + _between(own[None], len(evidence.rows.t), at)[0]
+    odds = float(least(late.by_class(), evidence.delayed.by_class()[first + near, None])[0])
+    odds += math.log(ALONE / len(evidence.joint_indices)) - DELAY_PRIOR * abs(size) - others
+    right, inverted = late.signs()
     if odds < SAID or right[0] - inverted[0] < LIKELY:  # many delays fit a periodic motion
         return None
-    found = (by + size, float(evidence.joint_indices[j]))
-    return evidence.decision("ask", check=DELAY, logs=tuple(fresh), by=found, odds=float(odds))
+    by_joint = (size, float(evidence.joint_indices[j]))
+    return evidence.decision("ask", check=DELAY, logs=tuple(fresh), by=by_joint, odds=odds)
+
+
+def _out_of_step_alone(evidence: JointEvidence) -> tuple[int, int, float] | None:
+    """The joint with the clearest delay, the index of its likeliest short one, and log odds by which others
+    are late, too; None where those are nearly as large.
+    """
+    each = _joint_evidences(evidence)
+    total = each - DELAY_PRIOR * np.abs(DELAYS)
+    short = np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total)
+    slow = evidence.rows.turning[:, evidence.joint_indices].mean(axis=0)
+    gains = np.where(slow > MOST_SLOW, 0.0, total.max(axis=1) - short.max(axis=1))
+    j = int(gains.argmax())
+    others = float(gains.sum() - gains[j])
+    # free commands where it turns round fit either direction alike
+    opposite = np.array(DELAYS) * DELAYS[int(total[j].argmax())] <= -(LEAST_DELAY**2)
+    ahead = float(each[j].max() - each[j, opposite].max(initial=-np.inf))
+    clear = len(each) > 1 and min(gains[j] - others, ahead) >= SAID
+    return (j, int(short[j].argmax()), others) if clear else None

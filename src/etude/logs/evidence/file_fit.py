@@ -230,11 +230,11 @@ class TiedFit:
         price = ((change / deviation) ** 2).sum(axis=1) + np.linalg.slogdet(A)[1]
         return np.asarray(-0.5 * (self.n * np.log(left).sum(axis=1) + price) - np.log(deviation).sum())
 
-    def with_factors(self, joint: int, tried: Array) -> Array:
-        """(N,) the same of factors of one joint's commands, of a file whose masses are right."""
+    def with_factors(self, joint: int, tried: Array, deviations: tuple[float, float, float] = RIGHT) -> Array:
+        """(N,) the same of factors of one joint's commands."""
         factors = np.ones((len(tried), len(self.products)))
         factors[:, joint] = tried
-        return self.scores(factors, RIGHT)
+        return self.scores(factors, deviations)
 
 
 def score_of_masses(fit: FileFit) -> float:

@@ -214,9 +214,13 @@ def scale_of(fit: FileFit) -> JointScale | None:
     if refined.max() - max(as_is, other, unrelated) < UNIT_ODDS:
         return None
     joint, factor = int(fit.joint_indices[j]), float(near[refined.argmax()])
+    if refined.max() - float(tied.with_factors(int(j), np.array([factor]), OTHER)[0]) < UNIT_AHEAD:
+        return None
     return JointScale(joint, factor, float(refined.max()) - as_is)
 
 
+# log odds of a unit to any masses at the same factor: without gravity they fit friction; right logs had 3
+UNIT_AHEAD = 5.0
 UNIT_ODDS = 25.0  # log odds of a unit: right logs had 20, of a wrist with more friction than torque
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
 CLOCK_ODDS = 25.0  # log odds from which one is told: right logs of slow arms had 18

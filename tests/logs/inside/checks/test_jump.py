@@ -76,7 +76,7 @@ def held(t: Array, q: Array, every: float) -> Array:
     return np.column_stack([np.interp(slow, t, column) for column in q.T])
 
 
-@pytest.mark.parametrize("rate", [10.0, 100.0, 400.0])
+@pytest.mark.parametrize("rate", [10.0, 100.0, pytest.param(400.0, marks=pytest.mark.slow)])
 def test_what_a_vehicle_and_its_sensors_do_is_no_jump(rate: float) -> None:
     t, q = flown(rate)
     crash = np.maximum(t - 110.0, 0.0)[:, None] * [0.0, 0.0, -5.5]  # another speed from one row to the next
