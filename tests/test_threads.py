@@ -6,6 +6,7 @@ import numpy as np
 import scipy.linalg.lapack  # noqa: F401  its own BLAS
 import threadpoolctl
 
+from etude.models import ExactPosterior, SquaredExponential
 from etude.threads import SMALL, threads_for
 
 
@@ -41,3 +42,20 @@ def test_it_decorates_a_function_that_is_called_twice_and_may_fail() -> None:
                 assert in_use() == {2}
             assert found(False) == {1}
             assert in_use() == {2}
+
+
+def test_means_are_predicted_by_one_thread(monkeypatch) -> None:
+    seen = []
+    sums = SquaredExponential.sums
+
+    def watched(self, theta, Z, alpha):
+        of = sums(self, theta, Z, alpha)
+        return lambda X: (seen.append(in_use()), of(X))[1]
+
+    monkeypatch.setattr(SquaredExponential, "sums", watched)
+    X = np.linspace(0.0, 1.0, 12).reshape(6, 2)
+    posterior = ExactPosterior(SquaredExponential((0, 1)), np.zeros(3), 0.01, X, X[:, 0])
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        posterior.mean(X)
+        assert in_use() == {2}
+    assert seen == [{1}]
