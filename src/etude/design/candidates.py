@@ -360,10 +360,10 @@ class ClearPoseSource:
         return UnsafeTrajectoryError(
             "no motion about any of the poses tried keeps all limits"
             + (f": most of them violate {' and '.join(often)}" if often else ""),
-            next_step="In the robot file, correct limits narrower than the data sheet's, masses that springs "
-            "carry, and obstacles. "
-            "Its list confirm names pairs of links with little clearance. Deviations of commands may "
-            "be smaller after `etude tell` with a first, slow log of the robot.",
+            next_step="In the robot file, correct obstacles, and limits narrower than the data sheet's. Its "
+            "list confirm names pairs of links with little clearance. Where the model file's masses are "
+            "wrong, begin anew: etude init FOLDER --robot FILE. Deviations of commands may be smaller "
+            "after `etude tell` with a first, slow log of the robot.",
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:
