@@ -210,7 +210,7 @@ def _text(function: Callable[..., Any]) -> str:
 
 
 def _kept(function: Callable[..., Any], settings: str, make: Callable[[], bytes]) -> bytes:
-    """The code on disk, or what `make` gives, which is then kept there if the folder can be written.
+    """The code on disk, or what `make` gives, which is then kept in the first folder that can be written.
 
     The name holds everything that the code depends on: the whole file, since its constants and its parts are
     in it, this file, LLVM, and the processor.
@@ -219,37 +219,52 @@ def _kept(function: Callable[..., Any], settings: str, make: Callable[[], bytes]
     written = [path.read_bytes() for path in (source, Path(__file__)) if path.is_file()]
     told = (settings, llvmlite.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
     key = hashlib.sha256(b"\0".join([*written, *(part.encode() for part in told)])).hexdigest()[:16]
-    path = _folder(source) / f"{source.stem}.{function.__name__}.{key}.o"
-    try:
-        digest, code = path.read_bytes()[:32], path.read_bytes()[32:]
-        if hashlib.sha256(code).digest() == digest:
-            return code
-    except OSError:
-        pass
+    paths = [folder / f"{source.stem}.{function.__name__}.{key}.o" for folder in _folders(source)]
+    known = next(filter(None, map(_read, paths)), None)
+    if known is not None:
+        return known
     code = make()
-    _write(path, hashlib.sha256(code).digest() + code)
+    for path in paths:
+        if _written(path, hashlib.sha256(code).digest() + code):
+            break
     return code
 
 
-def _folder(source: Path) -> Path:
-    """Where numba would keep it: NUMBA_CACHE_DIR, or beside the bytecode of the source."""
+def _folders(source: Path) -> list[Path]:
+    """As numba's: NUMBA_CACHE_DIR, or beside the bytecode of the source, or the user's."""
     configured = os.environ.get("NUMBA_CACHE_DIR")
-    return Path(configured) if configured else source.parent / "__pycache__"
+    if configured:
+        return [Path(configured)]
+    own = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    beside = source.parent / "__pycache__"
+    return [beside, own / "etude"] if own.is_absolute() else [beside]  # a container's user may have no home
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Whole or not at all; nothing where the folder cannot be written."""
+def _read(path: Path) -> bytes | None:
+    """The code in a file; None without one, or if it is damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
+
+
+def _written(path: Path, content: bytes) -> bool:
+    """Whether a file has been written: whole or not at all."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, name = tempfile.mkstemp(dir=path.parent)
     except OSError:
-        return
+        return False
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
+        os.chmod(name, 0o644)  # others may use the same installation
         os.replace(name, path)
     except OSError:
         Path(name).unlink(missing_ok=True)
+        return False
+    return True
 
 
 # --- from Python to LLVM ----------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,27 @@ def test_without_a_folder_that_can_be_written_it_compiles_each_time(tmp_path, mo
     every_statement(work.copy(), tensor, 2, 1, expected)
     loops({"work": COLUMNS})(every_statement)(work, tensor, 2, 1, out)
     np.testing.assert_allclose(out, expected, rtol=1e-14)
+
+
+OTHER = """
+from etude._runtime.loop_compiler import loops
+from etude.types import Array
+
+@loops()
+def doubled(work: Array) -> None:
+    for i in range(work.shape[0]):
+        work[i] = 2.0 * work[i]
+"""
+
+
+def test_where_the_installation_cannot_be_written_the_users_folder_keeps_it(tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
+    (tmp_path / "other_loops.py").write_text(OTHER)
+    (tmp_path / "__pycache__").write_text("no folder")
+    monkeypatch.syspath_prepend(tmp_path)
+    values = np.arange(3.0)
+    importlib.import_module("other_loops").doubled(values)
+    np.testing.assert_array_equal(values, [0.0, 2.0, 4.0])
+    (kept,) = (tmp_path / "own" / "etude").iterdir()
+    assert kept.suffix == ".o"
