@@ -16,6 +16,7 @@ from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
+from etude.threads import threads_for
 from etude.types import Array, Code, Index
 
 BLOCK = 32
@@ -364,6 +365,7 @@ rows.
 """
 
 
+@threads_for(0)  # exported models are of few points
 def greedy_order(L: Array) -> tuple[Index, Array]:
     """Points (n,) in an order in which each of the first tells most beside those before, and (n, n) the
     inverse of the lower Cholesky factor of their covariance in that order.

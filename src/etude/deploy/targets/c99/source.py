@@ -23,15 +23,13 @@ PER_LINE = 6  # numbers: lines stay below 120 characters
 
 def numbers(values: Any, single: bool) -> list[str]:
     """Numbers that read back exactly: of a float the shortest that does."""
-    if np.asarray(values).dtype.kind in "iub":
-        return [str(int(value)) for value in np.ravel(values)]
+    array = np.ravel(values)
+    if array.dtype.kind in "iub":
+        return [str(int(value)) for value in array]
+    # the text of a finite number has a point or an exponent, as C's has
     if single:
-        return [f"{_pointed(str(np.float32(value)))}f" for value in np.ravel(values)]
-    return [_pointed(repr(float(value))) for value in np.ravel(values)]
-
-
-def _pointed(text: str) -> str:
-    return text if any(c in text for c in ".e") else f"{text}.0"
+        return [f"{value!s}f" for value in array.astype(np.float32)]
+    return [repr(value) for value in array.astype(float).tolist()]
 
 
 def table(name: str, values: Any, single: bool, kind: str = "static const") -> str:
