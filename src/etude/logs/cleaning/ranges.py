@@ -61,7 +61,7 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
             f"the position reaches {_furthest(q[:, j], lower[j], upper[j]):.4g} {units[j]}, outside the "
             f"limits {lower[j]:.4g} to {upper[j]:.4g} {units[j]}",
             where=f"{log.source}, {channel.parts[j]}",
-            next_step="If the log is of this robot and in this unit, correct the robot's limits.",
+            next_step="If the log's robot, unit and gear are right, correct the robot's limits.",
         )
     for k in np.flatnonzero(over > 0):
         log = log.repaired(
