@@ -241,7 +241,7 @@ class ReachablePoses:
     reach: Reachable
     visited: VisitedTimes
     total: float
-    _rests: dict[int, bool] = field(default_factory=dict, repr=False)
+    rests: dict[int, bool] = field(default_factory=dict, repr=False)
     """By number of a pose, whether the limits of the design allow rest there; all its segments share it."""
 
 
@@ -459,7 +459,7 @@ class ClearPoseSource:
 
         Where drives hold the robot in a small part of its range, nearly all random poses would be lost later.
         """
-        rests = self.roam._rests
+        rests = self.roam.rests
         if i not in rests:
             pose = self.roam.reach.poses[i]
             rests[i] = not any(limit.blocked(self._form, pose) for limit in self._holding)

@@ -80,6 +80,15 @@ def test_a_zero_that_is_off_is_asked_about_with_its_size(
         tell(lab, path, foreign=True)
 
 
+def multiplied(log: Path, column: int, factor: float) -> tuple[Path, str]:
+    """A copy of a log with a column times a factor, and the name of that column."""
+    header, rows = log.read_text().splitlines()[0], np.loadtxt(log, delimiter=",", skiprows=1)
+    rows[:, column] *= factor
+    path = log.with_name("multiplied.csv")
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    return path, header.split(",")[column]
+
+
 @pytest.mark.parametrize(
     ("joint", "factor"),
     [(1, 0.5), *(pytest.param(*own, marks=pytest.mark.slow) for own in ((2, 2.0), (1, 1.4)))],
@@ -89,10 +98,7 @@ def test_positions_of_one_joint_that_are_a_multiple_are_asked_about_with_their_f
 ) -> None:
     """Its gear was not applied, or its counts for each turn are wrong; masses are not those of the file."""
     right = log_of(tmp_path / "right.csv", lab, masses=np.array([1.0, 1.2, 0.8]))
-    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
-    rows[:, 1 + joint] *= factor
-    path = tmp_path / "run.csv"
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    path, name = multiplied(right, 1 + joint, factor)
     finding = found(path, lab)["gear"]
     assert (finding.light, finding.flag) == ("yellow", "gear")
     told = re.search(r"the positions of (\w+) are ([\d.]+) times the true ones", finding.sentence)
@@ -102,7 +108,6 @@ def test_positions_of_one_joint_that_are_a_multiple_are_asked_about_with_their_f
     with pytest.raises(DataError, match="times the true ones"):
         tell(lab, path, foreign=True)
     shutil.copytree(lab.path, tmp_path / "mended")
-    name = header.split(",")[1 + joint]
     with (tmp_path / "mended" / "campaign.toml").open("a") as config:
         config.write(f'[log.columns]\n"{name}" = "{1.0 / factor:.6g} * {name}"\n')
     assert [f for f in inspect(path, tmp_path / "mended").findings if f.flag] == []
@@ -204,10 +209,7 @@ def test_another_unit_of_one_command_is_asked_about_with_its_factor(
     joint: int, factor: float, lab: Campaign, tmp_path: Path
 ) -> None:
     right = log_of(tmp_path / "right.csv", lab, masses=np.array([1.0, 1.2, 0.8]))
-    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
-    rows[:, 4 + joint] *= factor
-    path = tmp_path / "run.csv"
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    path, _ = multiplied(right, 4 + joint, factor)
     finding = found(path, lab)["scale"]
     assert (finding.light, finding.flag) == ("yellow", "scale")
     told = re.search(r"The commands of (\w+) are ([\d.]+) times the torque", finding.sentence)
@@ -216,8 +218,7 @@ def test_another_unit_of_one_command_is_asked_about_with_its_factor(
     assert float(told[2]) == pytest.approx(factor, rel=0.25)  # masses are 20 % off
     with pytest.raises(DataError, match="times the torque"):
         tell(lab, path, foreign=True)
-    rows[:, 4 + joint] /= factor  # as the message asks
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    path, _ = multiplied(path, 4 + joint, 1.0 / factor)  # as the message asks
     assert [f for f in inspect(path, lab.path).findings if f.flag] == []
 
 

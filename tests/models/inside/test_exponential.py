@@ -54,5 +54,8 @@ def test_what_is_no_normal_number(most: float) -> None:
 
 
 def test_a_matrix_without_rows_stays_empty() -> None:
-    exponentials_in_place(np.zeros((0, 3)), 0.0, ALL, ALL)
+    whole = np.full((3, 2), -1.0)
+    exponentials_in_place(whole[:0], 0.0, ALL, ALL)
     exponentials_in_place(np.zeros((3, 0)), 0.0, ALL, ALL)
+    exponentials_in_place(whole, 0.0, slice(0, 0), ALL)
+    assert (whole == -1.0).all()

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from etude.abilities import SupportsLargestError
-from etude.campaign.propose.known_speeds import with_known_speeds
+from etude.campaign.propose.learned_velocity import with_learned_velocity
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under, in_words, run_under, speaks_of
 from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
@@ -88,7 +88,9 @@ class Constraints:
         of = campaign.described_limits if described else campaign.limits
         limits, ran = of(margins, self.model(campaign)), self._learned_motion(campaign)
         limits = limits if ran is None else after_run(limits, ran)
-        return limits if self.model(campaign) is None else with_known_speeds(campaign, self.number, limits)
+        return (
+            limits if self.model(campaign) is None else with_learned_velocity(campaign, self.number, limits)
+        )
 
     def _learned_motion(self, campaign: Campaign) -> Trajectory | None:
         """The motion of the log that the model learned last, if known; a slower copy needs less."""

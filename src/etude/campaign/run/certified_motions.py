@@ -14,7 +14,7 @@ from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.propose.approach import There, clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.export import GROUP, accelerated_by
-from etude.campaign.propose.known_speeds import peak_speeds
+from etude.campaign.propose.learned_velocity import peak_speeds
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.folder import Campaign

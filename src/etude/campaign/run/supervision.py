@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.campaign.propose.constraints import Constraints, ranges_of
-from etude.campaign.propose.known_speeds import MOST_FASTER, peak_speeds
+from etude.campaign.propose.learned_velocity import MOST_FASTER, peak_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event
 from etude.campaign.record.folder import Campaign

@@ -1,4 +1,4 @@
-"""Speeds that a learned model knows, and the limit of the next motion's speeds by them."""
+"""Velocity limits of a learned model: no joint is planned more than twice as fast as in its logs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def peak_speeds(trajectory: Trajectory) -> Array:
     return np.asarray(np.abs(trajectory.motion(t, 2).orders[1]).max(axis=0))
 
 
-def with_known_speeds(campaign: Campaign, number: int | None, limits: Sequence[Limit]) -> Sequence[Limit]:
+def with_learned_velocity(campaign: Campaign, number: int | None, limits: Sequence[Limit]) -> Sequence[Limit]:
     """The limits, and one of the speeds of joints that were slow in all logs of the model of a round.
 
     Only where that model says what the drives need: its deviations say too little of higher speeds.

@@ -12,7 +12,7 @@ from small_robot import write_log
 from etude import ask, tell
 from etude.campaign import Campaign, open_campaign, stored_trajectory
 from etude.campaign.propose.constraints import constraints_now
-from etude.campaign.propose.known_speeds import ALWAYS, KNOWN, MOST_FASTER, peak_speeds
+from etude.campaign.propose.learned_velocity import ALWAYS, KNOWN, MOST_FASTER, peak_speeds
 
 FASTEST = np.ones(2)
 """rad/s in the robot file."""
@@ -39,7 +39,7 @@ def test_a_motion_is_at_most_twice_as_fast_as_logs(slow: Campaign) -> None:
 
 
 def test_a_joint_that_stood_still_may_move(slow: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etude.campaign.propose.known_speeds.peak_speeds", lambda _: np.array([0.0, 4.0]))
+    monkeypatch.setattr("etude.campaign.propose.learned_velocity.peak_speeds", lambda _: np.array([0.0, 4.0]))
     limits = constraints_now(slow, slow.state()).limits(slow)
     ends = [(one.names, one.upper) for one in limits if one.name == KNOWN]
     assert len(ends) == 1, "the fast joint needs no row"
